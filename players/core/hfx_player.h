@@ -15,6 +15,9 @@
  * Numbers that may come from a script (seconds, gain, level, ...) may be anything: what is not a
  * number or below 0 counts as 0. All functions may be given results of a failed call. A player or
  * a body of zeros feels nothing; one that was set to nothing at all must not be used.
+ *
+ * Threads: the core has no state of its own. Any number of threads may read one clip and its bytes;
+ * a player or a body is used by one thread at a time.
  */
 #ifndef HFX_PLAYER_H
 #define HFX_PLAYER_H
@@ -22,6 +25,10 @@
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>
+
+#define HFX_PLAYER_VERSION_MAJOR 0
+#define HFX_PLAYER_VERSION_MINOR 1
+#define HFX_PLAYER_VERSION_PATCH 0
 
 #ifndef HFX_API /* a library that exports them defines it before it includes this file */
 #define HFX_API static inline
@@ -33,7 +40,7 @@ extern "C" {
 
 /* ---- Reading a clip ------------------------------------------------------------------------ */
 
-#define HFX_VERSION 1u
+#define HFX_VERSION 1u /* of the format: newer clips are refused */
 #define HFX_NONE 0xFFFFFFFFu
 #define HFX_PARAMETERS 5
 

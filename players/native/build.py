@@ -14,7 +14,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 GODOT = HERE.parent / "godot" / "addons" / "hfx" / "bin"
 UNITY = HERE.parent / "unity" / "Runtime" / "Plugins"
-SOURCES = ("live_body.c", "godot.c")
+SOURCES = ("live_body.c", "live_player.c", "godot.c")
 
 # Platform: zig's target, file, Unity's editor, player and processor.
 PLATFORMS = {

@@ -28,6 +28,7 @@ _SOURCE = """\
 #endif
 #include "hfx_player.h"
 #include "../native/live_body.c"
+#include "../native/live_player.c"
 HFX_API int sizes(int which);
 HFX_API int sizes(int which) {
   return (int)(which == 0 ? sizeof(hfx_clip) : which == 1 ? sizeof(hfx_player) : sizeof(hfx_body));
@@ -90,7 +91,7 @@ def library() -> ctypes.CDLL:
     core.hfx_body_level.restype = ctypes.c_double
     core.hfx_clip_seconds.restype = core.hfx_player_position.restype = ctypes.c_double
     core.hfx_error_text.restype = core.hfx_live_error.restype = ctypes.c_char_p
-    core.hfx_live_open.restype = ctypes.c_void_p
+    core.hfx_live_open.restype = core.hfx_live_player_open.restype = ctypes.c_void_p
     core.hfx_live_level.restype = ctypes.c_double
     return core
 

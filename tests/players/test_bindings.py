@@ -24,7 +24,7 @@ def test_the_unity_package_plays_the_conformance_clips(tmp_path: Path) -> None:
     folders = ("Runtime", "Editor", "Samples~/Garage", "Tests~")
     sources = [path for folder in folders for path in (PLAYERS / "unity" / folder).glob("*.cs")]
     subprocess.run(["mcs", f"-out:{program}", *sources], check=True)
-    core = '#include "../native/live_body.c"\n'
+    core = '#include "../native/live_body.c"\n#include "../native/live_player.c"\n'
     compiled(core, tmp_path / "libhfx_haptics.so", "-std=c99", "-shared", "-fPIC")
     folders = [PLAYERS / "conformance", PLAYERS / "conformance" / "spatial"]
     found_there = {**os.environ, "LD_LIBRARY_PATH": str(tmp_path)}

@@ -241,6 +241,10 @@ namespace Hfx.Haptics
             {
                 return "the compiled core is not there (build it with players/native/build.py).";
             }
+            catch (EntryPointNotFoundException)
+            {
+                return "the compiled core is older than this package (build it again with players/native/build.py).";
+            }
             catch (FormatException fault)
             {
                 return fault.Message;

@@ -19,8 +19,10 @@ namespace Hfx.Haptics
 
         /// <exception cref="FormatException">The core refuses the clip; the message says why.</exception>
         /// <exception cref="DllNotFoundException">The core was not compiled for this platform.</exception>
+        /// <exception cref="EntryPointNotFoundException">The compiled core is older than this package.</exception>
         public LiveBody(HapticClip clip, int body)
         {
+            hfx_live_version();
             int error;
             self = hfx_live_open(clip.Bytes, (UIntPtr)clip.Bytes.Length, (uint)body, out error);
             if (self == IntPtr.Zero) throw new FormatException(Marshal.PtrToStringAnsi(hfx_live_error(error)));
@@ -92,6 +94,7 @@ namespace Hfx.Haptics
             self = IntPtr.Zero;
         }
 
+        [DllImport(Library)] static extern uint hfx_live_version();
         [DllImport(Library)] static extern IntPtr hfx_live_open(byte[] bytes, UIntPtr size, uint body, out int error);
         [DllImport(Library)] static extern void hfx_live_close(IntPtr self);
         [DllImport(Library)] static extern IntPtr hfx_live_error(int error);
