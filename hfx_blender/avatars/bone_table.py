@@ -122,7 +122,8 @@ def save(armature: bpy.types.Object, path: Path) -> int:
 
 
 def load(armature: bpy.types.Object, path: Path) -> list[str]:
-    """Load a saved mapping into the table; return a note for the user if bones are missing.
+    """Load a saved mapping into the table, without bones that the armature lacks; return notes for
+    the user about these.
 
     Raises InputError: the file is unreadable, is no bone mapping, or maps none of this armature's
     bones. The table is unchanged.
@@ -277,7 +278,8 @@ def _bone_of(node: Any, uuids: dict[Any, str]) -> str | None:
 
 
 def _rows_of_gltf(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
-    """Rows (human bone, node) of a stored glTF extension; a numeric node names no bone."""
+    """Rows (human bone, node) of the first glTF extension stored in armature, its data or scene;
+    empty without. A numeric node names no bone."""
     for holder in (armature, armature.data, bpy.context.scene):
         for name in _EXTENSIONS:
             extension = _json(holder.get(name)) or _field(_json(holder.get("extensions")), name)

@@ -54,7 +54,8 @@ def key_of(
 
 @lru_cache(maxsize=1)
 def _code_hash() -> bytes:
-    """SHA-256 digest of the avatar, its shape fields and the source code of fitting."""
+    """SHA-256 digest of the avatar, its shape fields and the source code of fitting; a missing file
+    counts as empty."""
     digest = hashlib.sha256(load_avatar().content_hash.encode())
     # A changed algorithm must not return earlier results.
     engine = Path(shape_fields.__file__).parent

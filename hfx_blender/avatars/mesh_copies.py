@@ -70,7 +70,8 @@ def _check_numbers(numbers: I64) -> I64:
 
 
 def original_vertices(mesh: bpy.types.Mesh) -> I64:
-    """Original vertex of each evaluated vertex, (E,) int64; -1 for a new vertex."""
+    """Original vertex of each evaluated vertex, (E,) int64; -1 for a new vertex, and for all if a
+    modifier has dropped the numbers."""
     columns = []
     # A modifier may drop the attribute, or change the type: then no vertex is traced.
     for name in (_VERTEX, _CHECK):
@@ -135,7 +136,7 @@ def evaluated_graph(datablocks: list[bpy.types.ID]) -> bpy.types.Depsgraph:
 
 
 def mirrors_of(mesh: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """Enabled Mirror modifiers above a mesh's first Armature modifier."""
+    """Enabled Mirror modifiers above a mesh's first Armature modifier; all without one."""
     mirrors = []
     for modifier in mesh.modifiers:
         if modifier.type == "ARMATURE":

@@ -106,7 +106,7 @@ def own_fcurve(owner: bpy.types.ID, data_path: str, title: str, index: int = 0) 
 def set_keys(
     curve: bpy.types.FCurve, keys: Iterable[tuple[float, float]], interpolation: str = "LINEAR"
 ) -> None:
-    """Replace the keyframes of an F-curve by (frame, value) pairs."""
+    """Replace the keyframes of an F-curve by (frame, value) pairs, all with ``interpolation``."""
     flat = [number for key in keys for number in key]
     curve.keyframe_points.clear()
     curve.keyframe_points.add(len(flat) // 2)

@@ -92,7 +92,8 @@ def warnings_of_files() -> list[str]:
 
 
 def _is_missing(path: Path) -> bool:
-    """Test that no file has the path, or for a sequence or tiles the start of its name."""
+    """Test that no file has the path, or for a sequence or tiles the start of its name; True for an
+    unreadable folder."""
     if path.exists():
         return False
     # A sequence or tiled image exists if any of the files does.

@@ -146,7 +146,8 @@ def _names_of_formats(of_devices: bool) -> str:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Raise UsageError for options that no scene could be exported with."""
+    """Raise UsageError for options that no scene could be exported with, InputError for an unusable
+    device."""
     from ..devices.configuration import load_device
     from ..engine.areas.sample_run_builder import ON_DEMAND
 

@@ -26,9 +26,12 @@ TARGETS = (
 
 def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELOPE") -> int:
     """Write the strongest response of each frame as keyframes of a target; return their number.
+
     ``target`` is an id of :data:`TARGETS`. The strongest level of all bodies counts. Keyframes
     equal to both neighbours are left out. "INTENSITY" mutes the filters. Raises InputError for a
-    scene without bodies, a volume without contact, and a volume without speakers."""
+    scene without bodies, a muted or hidden effect, a volume without contact, and a volume without
+    speakers.
+    """
     import numpy as np
 
     from ..engine.evaluate import Engine

@@ -198,7 +198,8 @@ class Worker:
             stream.close()
 
     def _read(self, stream: io.RawIOBase) -> None:
-        """Pass on messages up to the end, invalid data, or a fault returned by the receiver."""
+        """Pass on messages up to the end, invalid data, or a fault returned by the receiver, then
+        the reason of the end."""
         reason = "has ended"
         try:
             with io.BufferedReader(stream) as buffered:

@@ -170,8 +170,9 @@ def draw(
 
 
 def through(places: ArrayLike, kind: str, closed: bool = False) -> tuple[F64, F64]:
-    """Points projected onto the skin (n, 3), and a path (m, 3) through these, parameters of
-    :func:`draw`. InputError for a point not on the body."""
+    """Points projected onto the skin (n, 3), and a path (m, 3) through these, rest space;
+    parameters of :func:`draw`, any other kind as "traced". InputError for a point not on the
+    body."""
     import numpy as np
 
     # "curve" and "straight" follow the surface; "traced" joins projected points directly.

@@ -276,7 +276,8 @@ def _key_position(
     scene: bpy.types.Scene, effect: bpy.types.Object, curve: bpy.types.FCurve, place: F64
 ) -> None:
     """Key the point at ``place`` at the current frame, with a path rerouted by shortest ways to the
-    neighbouring keyframes, whose values change. InputError for more than MAX_POINTS points."""
+    neighbouring keyframes, whose values change; the path is then traced and open. InputError for
+    more than MAX_POINTS points."""
     path = paths.path_of(effect)
     frame = action_frame(scene, effect)
     frames = np.array([key.co[0] for key in curve.keyframe_points])

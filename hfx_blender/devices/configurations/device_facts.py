@@ -99,8 +99,9 @@ def _read(name: str, path: Path | None, _stamp: int) -> DeviceFacts:
 
 
 def _place(actuator: Actuator) -> str:
-    """Label of the body region at an actuator: of the vertex nearest to its centre on its parts, or
-    of the first vertex of its first vertex set; :data:`ROOM` for a place in the room."""
+    """Label of the body region at an actuator: of the vertex nearest to its centre on its parts, on
+    either side, or of the first vertex of its first vertex set; :data:`ROOM` for a place in the
+    room."""
     position = actuator.place
     if isinstance(position, BodyPlace):
         model = load_model(_MODEL)

@@ -173,9 +173,7 @@ class DeviceThread:
 
     def pause(self) -> None:
         """Silence the device without a stop, until a frame arrives that is requested from now on.
-
-        Queued frames are discarded.
-        """
+        Queued frames are discarded, also of a device that is not armed."""
         with self._wake:
             self._void()
             if self.is_armed:
@@ -199,7 +197,8 @@ class DeviceThread:
                 self._wake.notify()
 
     def arm(self) -> None:
-        """Play from now on, or from the opening of the output, starting with silence.
+        """Play from now on, or from the opening of the output, starting with silence; no effect if
+        armed or closed.
 
         A script that may not run is reported as a fault, and the device stays silent.
         """

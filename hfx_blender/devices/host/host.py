@@ -113,7 +113,8 @@ class Host:
         )
 
     def read(self, stream: BinaryIO) -> None:
-        """Execute the messages of a stream; stop all devices at the end or at a faulty message."""
+        """Execute the messages of a stream; at its end or at a faulty message stop all devices and
+        let this process end."""
         end = "Blender has gone"
         try:
             for message in messages(stream):
@@ -327,7 +328,8 @@ class Host:
                 thread.stop(f"the computer slept or did not run for {gap_s:.1f} s")
 
     def silence(self, reason: str) -> None:
-        """Stop all devices, close their ports and save duty budgets, at the end of the process."""
+        """Stop all devices, then close their ports, waiting for each, and save duty budgets, at the
+        end of the process."""
         # All stops come before the first close: closing waits, stopping does not.
         threads = list(self.device_threads.values())
         for thread in threads:

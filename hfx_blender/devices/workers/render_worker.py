@@ -89,7 +89,8 @@ class Renderers:
             self.rendered[rendered.number] = _Rendered(rendered, device, renderer, numbers, width)
 
     def answers(self, body: bytes) -> list[bytes]:
-        """Render a moment: a message for each device; MessageError for an invalid body."""
+        """Render a moment: a message for each device, a FAULT for a device whose rendering fails.
+        MessageError for an invalid body."""
         moment = decode_live_frame(body, self._streams)
         answers = []
         for number, rendered in self.rendered.items():

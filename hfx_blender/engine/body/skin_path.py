@@ -134,8 +134,8 @@ class SkinPaths:
 
     @staticmethod
     def _tightened(path: F64, near: SurfaceLocator) -> F64:
-        """Move inner points to the projected middle of their neighbours until the path settles.
-        Returns a new path; the ends stay."""
+        """Move inner points (n, 3) to the projected middle of their neighbours until the path
+        settles, or for ``_MOST_ROUNDS`` rounds. Returns a new path; the ends stay."""
         path = path.copy()
         path[1:-1] = near.nearest(path[1:-1]).place
         for _ in range(_MOST_ROUNDS):

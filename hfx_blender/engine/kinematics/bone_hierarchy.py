@@ -55,7 +55,8 @@ def from_quaternions(quaternions: F64) -> F64:
 
 
 def from_eulers(angles: F64, order: str) -> F64:
-    """Rotation matrices (..., 3, 3) of angles (..., 3) about X, Y, Z in an order such as "XYZ"."""
+    """Rotation matrices (..., 3, 3) of angles (..., 3), radians, about X, Y, Z; the first letter of
+    an order such as "XYZ" turns first."""
     turned: F64 | None = None
     for name in order:
         axis = "XYZ".index(name)

@@ -228,7 +228,8 @@ def _line(device: DeviceConfig, centres: F64) -> _Gains:
 
 def _vbap(device: DeviceConfig, centres: F64) -> _Gains:
     """Gains of VBAP about the middle of the actuators, in space, or in the plane of a flat layout.
-    With an actuator in the middle the viewpoint moves behind the layout."""
+    With an actuator in the middle the viewpoint moves behind the layout. Actuators all at one place
+    share the power."""
     if not np.any(centres != centres[0]):  # a single place has no directions
         alone = PlanarPanning(np.zeros((len(centres), 2)), "power")
         return lambda points: alone.gains(points[:, :2])

@@ -368,8 +368,8 @@ class _Segments:
 
     def _girth(self, region: str, start: str = "", end: str = "") -> float:
         """Ratio of target to canonical girth of a region, 0.4 to 2.5; 1 with 10 or fewer vertices
-        of the target. Around the line between two joints, or (without joints) across the region's
-        principal axis."""
+        of the target, or of either body between the ends. Around the line between two joints, or
+        (without joints) across the region's principal axis."""
         own, target = self._skins(region)
         if len(target) <= 10:
             return 1.0

@@ -93,7 +93,8 @@ class _Batch:
         self._waiting = deque(scene for scene in self._scenes if scene.outcome is None)
 
     def run(self) -> list[Outcome]:
-        """Execute all units; returns the outcomes of the scenes in order."""
+        """Execute all units; returns the outcomes of the scenes in order. TerminatedError after a
+        signal."""
         self._fill()
         while self._running:
             # The timeout lets the main thread check for signals while workers are busy.

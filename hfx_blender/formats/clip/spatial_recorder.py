@@ -50,8 +50,8 @@ class SpatialRecorder:
 
     def add(self, block: AnimationBlock) -> None:
         """Record the own active, finite samples of the next block in time order: the first state
-        and highest level of each painted area, and of each volume of a shape that clips have. Other
-        effects with samples are marked as left out."""
+        and highest level of each painted area, MCHA surface, and volume of a shape that clips have.
+        Other effects with samples are marked as left out."""
         for k, effect in enumerate(self.scene.effects):
             # Only active samples with finite values count: inactive ones may hold anything.
             animated = block.effects[k]

@@ -180,7 +180,8 @@ def forget() -> None:
 
 
 def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:
-    """Left and right end of a region without toolbar, sidebar and 10 pixels at both ends."""
+    """Left and right end of a region, pixels, without toolbar, sidebar and 10 pixels at both
+    ends."""
     left, right = 0.0, float(region.width)
     for panel in area.regions:
         if panel.width <= 1 or panel.type not in ("TOOLS", "UI"):

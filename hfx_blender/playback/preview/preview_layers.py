@@ -218,7 +218,8 @@ class Preview:
     def _laid_over(
         self, live: LiveScene, palette: str, recorded: TimelineRecord | None, frame: float
     ) -> list[Layer]:
-        """Colour layers on the posed skins, of a record at ``frame`` or else of the open scene."""
+        """Colour layers on the posed skins, of a record at ``frame`` or, beyond it, of the open
+        scene; meshes edited since the description are left out."""
         # Frames outside of the record, and samples beyond its memory limit, are evaluated.
         index = None if recorded is None else recorded.index(frame)
         shown = None

@@ -96,8 +96,8 @@ class TimelineRecord:
         return first, floor(self.frames[self._kept_count - 1]) if self._kept_count else first - 1
 
     def rows(self) -> list[EffectRecord]:
-        """Values of the effects; effects of equal group, body and modality are merged into their
-        maximum."""
+        """Values of the effects; effects of equal group, body and modality are merged into the
+        value of largest magnitude."""
         rows: dict[tuple[str, ...], EffectRecord] = {}
         for effect in self.effects:
             stream, group = effect.stream, self.groups.get(effect.name, "")

@@ -138,7 +138,8 @@ def _tints(shares: F64, modality: str, palette: Mapping[str, Colour]) -> F64:
 
 
 def _bars(shares: F64, colours: F64, top: float, height: float, left: float) -> tuple[F64, F64]:
-    """A bar for each run of equal columns: boxes (n, 4) as left, top, right, bottom; colours."""
+    """A bar for each run of equal columns, from the lower edge, none for height 0: boxes (n, 4) as
+    left, top, right, bottom, pixels; colours (n, ...)."""
     # Rounded before the comparison: a slowly changing curve becomes few boxes.
     heights = np.round(np.abs(shares) * height, 1)
     shown = np.concatenate([heights[:, None], np.round(colours, 2)], axis=1)

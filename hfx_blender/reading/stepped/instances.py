@@ -196,8 +196,8 @@ class Sources:
     def _values(
         self, name: str, evaluated: bpy.types.Object, time: TimeBase | None, index: int
     ) -> _Values:
-        """Level, parameters, shape scale and filter controls shared by the present instances of a
-        source; ``time`` and ``index`` as of :meth:`rows_now`."""
+        """Level, parameters (wind: the speed only), shape scale and filter controls shared by the
+        present instances of a source; ``time`` and ``index`` as of :meth:`rows_now`."""
         hfx, unit_m = evaluated.hfx, self._found.unit_m
         parameters = effect_values.parameters(hfx, np.eye(4))
         if time is None:

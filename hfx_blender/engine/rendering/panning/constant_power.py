@@ -139,8 +139,8 @@ def _hull(units: F64) -> I64:
 
 
 def _on_rim(units: F64, sources: F64, rim: I64) -> F64:
-    """Gains (n, P), unnormalized, at the nearest direction on the arcs ``rim`` (E, 2) of sources.
-    The nearest source alone without a rim."""
+    """Gains (n, P), unnormalized, at the nearest direction on the arcs ``rim`` (E, 2) of sources,
+    the nearer end behind an arc. The nearest source alone without a rim."""
     # Start from the nearest source; also the result without a rim, where only rounding led here.
     gains = np.eye(len(sources))[np.argmax(units @ sources.T, axis=1)]
     best = np.full(len(units), -np.inf)
