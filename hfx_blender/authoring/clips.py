@@ -83,8 +83,8 @@ def add_heartbeat(
     fade_in: float = 0.0,
     fade_out: float = 0.0,
 ) -> bpy.types.NlaStrip:
-    """Add a clip of a heartbeat: a strong and a weak pulse per beat. The clip has 1 or more whole
-    beats, and ends near ``frame_end``."""
+    """Add a clip of a heartbeat: a strong and a weak pulse per beat; times and fades are frames.
+    The clip has 1 or more whole beats, and ends near ``frame_end``."""
     scene = bpy.context.scene
     fps = fps_of(scene)
     beat = 60.0 * fps / beats_per_minute

@@ -23,8 +23,8 @@ _SCREEN_BEHIND = 1.5
 
 
 def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.SoundStrip:
-    """Add a sound to the scene's sequencer, and synchronise playback to sound. Raises InputError:
-    the file is missing or has no sound."""
+    """Add a sound to the scene's sequencer, from ``frame`` on in a free channel, and synchronise
+    playback to sound. Raises InputError: the file is missing or has no sound."""
     refuse_no_file(path)
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = compat.strips(editor)
@@ -43,8 +43,8 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
 
 
 def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Object:
-    """Add a screen with a video or picture behind the first body, or behind the 3D cursor. Raises
-    InputError: the file is missing, or no picture or video."""
+    """Add a screen with a video, from ``frame`` on, or picture behind the first body, or behind the
+    3D cursor. Raises InputError: the file is missing, or no picture or video."""
     image = _image(path)
     screen = bpy.data.objects.new(path.stem, None)
     screen.empty_display_type = "IMAGE"
@@ -66,11 +66,10 @@ def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Obje
 
 
 def add_surroundings(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.World:
-    """Add an equirectangular video or picture as the scene's world.
+    """Add an equirectangular video, from ``frame`` on, or picture as the scene's world.
 
-    The world before is unlinked; a world of the user gets a fake user.
-
-    Raises InputError: the file is missing, or no picture or video.
+    The world before is unlinked; a world of the user gets a fake user. Raises InputError: the file
+    is missing, or no picture or video.
     """
     image = _image(path)
     world = bpy.data.worlds.new(path.stem)

@@ -228,7 +228,7 @@ def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
 
 def _object(path: Path, options: argparse.Namespace) -> TextureSource:
     """Surface of the object named by ``--object``, or of the only object with a surface in the
-    scene of a .blend; InputError for no such object."""
+    scene of a .blend; a named object without a surface gets one. InputError for no such object."""
     blender_session.open_blend(path)
     import bpy
 

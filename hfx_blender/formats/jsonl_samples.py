@@ -263,7 +263,8 @@ def read(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Rate, duration, bodies, effects and counts of a valid file for ``hfx info``."""
+    """Rate, duration, bodies, effects and counts for ``hfx info``; InputError for an invalid
+    file."""
     lines = read(path)
     header = next(lines)
     counts = Counter(line["type"] for line in lines)

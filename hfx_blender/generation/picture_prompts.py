@@ -157,7 +157,8 @@ def _number(nodes: Mapping[str, Any], inputs: Mapping[str, Any], depth: int = 0)
 
 
 def _of_workflow(document: Mapping[str, Any]) -> PicturePrompt | None:
-    """Prompt of ComfyUI's drawn graph, where links have numbers and widget values have no names."""
+    """Prompt of ComfyUI's drawn graph, where links have numbers and widget values have no names;
+    muted and bypassed nodes are left out. None without words."""
     # A link is [number, source node, source slot, target node, target slot, type].
     links = {
         link[0]: link[1]

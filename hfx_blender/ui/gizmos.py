@@ -39,7 +39,7 @@ def offset(effect: bpy.types.Object, axis: int) -> float:
 
 def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
     """Set the size whose boundary is at a distance (world units, 0 at least) along a local axis;
-    Auto Keying adds a keyframe."""
+    Auto Keying adds a keyframe. KeyError as of :func:`offset`."""
     from ..authoring.paths import spot_placing
 
     name, component, share = _AXES[effect.hfx.shape][axis]

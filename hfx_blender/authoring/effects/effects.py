@@ -159,8 +159,9 @@ def add_volume(
 def volume_from_mesh(
     scene: bpy.types.Scene, modality: str, source: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
-    """Add a volume effect with the shape of a mesh object, parented to that object. Raises
-    InputError for another type of object."""
+    """Add a volume effect with the shape of a mesh object, parented to that object: a copy that
+    shares the mesh, without animation and constraints. Raises InputError for another type of
+    object."""
     if source.type != "MESH":
         raise InputError(f"'{source.name}' is a {source.type.lower()}, not a mesh.")
     # A copy shares the mesh and copies the modifiers, so that edits of the mesh apply to both.

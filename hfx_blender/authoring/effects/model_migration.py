@@ -40,7 +40,7 @@ class EarlierModel:
 
 
 def load(model_id: str, content_hash: str) -> EarlierModel | None:
-    """Earlier edition of a model from the data file; None if not stored there."""
+    """Earlier edition of a model from the data file, with all areas 1; None if not stored there."""
     import numpy as np
 
     key = f"{model_id}.{content_hash}"

@@ -48,7 +48,8 @@ class Anchors:
         return cls(triangles[feet.triangle], feet.weights)
 
     def posed_on(self, body: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[F64, F64]:
-        """World positions and unit normals on a posed body, (n, 3) each, Blender units."""
+        """World positions and unit normals on a posed body, (n, 3) each, Blender units; InputError
+        for an outdated fit."""
         import numpy as np
 
         # Neighbouring anchors share corners: each vertex is posed once.

@@ -143,7 +143,8 @@ def key_here(scene: bpy.types.Scene, effect: bpy.types.Object) -> None:
 
 
 def share_nearest(path: F64, place: F64) -> float:
-    """Share of a path's length at the point nearest to ``place`` (3,); 0 for a single point."""
+    """Share of a path's length at the point nearest to ``place`` (3,), in one space; 0 without a
+    length."""
     if len(path) < 2:
         return 0.0
     # Projection onto each segment, clipped to the ends.

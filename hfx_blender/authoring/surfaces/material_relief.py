@@ -172,7 +172,8 @@ def diffuse(material: bpy.types.Material, relief: ReliefNodes) -> Callable[[], N
 
 
 def _as_surface(material: bpy.types.Material, node: bpy.types.Node) -> Callable[[], None]:
-    """Link a shader node to the Cycles output; return a function that removes the node again."""
+    """Link a shader node to the Cycles output; return a function that removes the node and restores
+    the earlier link."""
     tree = material.node_tree
     surface = tree.get_output_node("CYCLES").inputs["Surface"]
     before = surface.links[0].from_socket if surface.is_linked else None

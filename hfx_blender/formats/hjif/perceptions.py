@@ -157,7 +157,8 @@ def too_weak_places(perception: dict[str, Any], places: Sequence[Place]) -> list
 
 
 def _transient_band(transients: Sequence[Transient], timescale: int) -> dict[str, Any]:
-    """Transient band with an effect of one keyframe per tick in time order, at most 1000 Hz."""
+    """Transient band with an effect of one keyframe per tick in time order; frequencies above 1000
+    Hz become 1000."""
     effects = []
     for tick in sorted(transients, key=lambda each: each.time_s):
         frame = Keyframe(0, round(tick.amplitude, 6), round(min(tick.frequency_hz, MAX_HZ)))

@@ -93,8 +93,9 @@ def raster_of(
 
 
 def _played(signals: Sequence[Signal], device: DeviceConfig, name: str) -> dict[str, Signal]:
-    """Signal of each vibration actuator with a signal, by actuator id, see :func:`raster_of`. Names
-    match in any case. Raises InputError without a vibration actuator or match."""
+    """Signal of each vibration actuator with a signal, by actuator id: of the same name, else of
+    its bHaptics dot, else a single signal for all. Names match in any case. Raises InputError
+    without a vibration actuator or match."""
     vibrating: list[Actuator] = [a for a in device.actuators if a.type.modality == "vibration"]
     if not vibrating:
         raise InputError(f"Device '{device.id}' has no vibration actuators.")

@@ -325,7 +325,8 @@ class DeviceSearch:
         self.items: EnumItems = []  # of `found`; Blender needs these strings kept alive
 
     def run(self) -> list[str]:
-        """Replace :attr:`found` and :attr:`items`; returns the names of all serial ports."""
+        """Search for devices, for some tenths of a second; replace :attr:`found` and :attr:`items`;
+        returns the names of all serial ports. Faulty configurations are left out."""
         from ...devices.live.discovery import found_at
 
         # Adding a device reports errors of its configuration.

@@ -118,7 +118,8 @@ class HFX_OT_stroke_pad(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def _feel(self) -> None:
-        """Play a new part of the stroke, if any, as sound and on connected devices."""
+        """Play a new part of the stroke, if a whole step of the device, as sound and on connected
+        devices."""
         pad = self._pad
         signal = pad.next_step()
         if signal is None:
