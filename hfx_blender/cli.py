@@ -79,6 +79,7 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
                 inputs_kept(_named_files(options)),
             ):
                 code = int(options.run(options, console))
+        # A signal during the last piece of work still ends the command with the signal's code.
         process_end.check()
         if code or console.fault is None:
             return code
@@ -88,8 +89,10 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         console.result({"error": str(error)})
         return error.exit_code
     except process_end.TerminatedError as ended:
+        # The watching thread may have written the sentence already.
         if process_end.claims_farewell():
             console.warn(f"hfx: {ended}")
+        # From here on this thread ends the process: the watching thread stands down.
         process_end.answered()
         return ended.exit_code
     except KeyboardInterrupt:  # inside another program's process, without our signal handlers

@@ -250,6 +250,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
     world = np.array(armature.matrix_world, np.float64)
     to_rest = np.array(_to_rest(armature, mesh_object), np.float64)
     bones = armature.data.bones
+    # Further groups serve masks, shape keys or hair, and follow no bone.
     groups = {
         group.name: group.index
         for group in mesh_object.vertex_groups
@@ -274,6 +275,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
         weights=weights,
         bone_names=names,
         bones=read_bones(armature),
+        # The cube root of the determinant is the mean scale of the three axes.
         metres=unit * float(np.cbrt(np.linalg.det(world[:3, :3]))),
     )
 

@@ -42,6 +42,7 @@ def add_avatar(
     variant's skin. Raises InputError: the avatar or a model of the variant is missing.
     """
     avatar = load_avatar(avatar_id)
+    # Before anything is added: a missing model leaves the scene unchanged.
     fitted_models = fitted_to_variant(avatar) if avatar_id != AVATAR_ID else []
     armature = _armature(context, avatar.skeleton, name)
     armature.scale = [1.0 / metres_of(context.scene)] * 3  # as tall as a person in any unit
@@ -217,6 +218,7 @@ def _armature(context: bpy.types.Context, skeleton: Skeleton, name: str) -> bpy.
         selected.select_set(False)
     context.view_layer.objects.active = armature
     armature.select_set(True)
+    # Blender creates bones in Edit Mode only.
     bpy.ops.object.mode_set(mode="EDIT")
     edit_bones = []
     for bone_name, parent, rest, length in zip(

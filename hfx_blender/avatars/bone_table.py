@@ -243,6 +243,7 @@ def _rows_of_add_on(armature: bpy.types.Object) -> list[tuple[Any, Any]]:
     }
     tables = {}
     # The add-on stores tables of both versions; often a single table is filled.
+    # Version 1 first: preferred if both tables are filled and the chosen version is unclear.
     for version in "10":
         bones = _field(extension, f"vrm{version}", "humanoid", "human_bones")
         if bones is None:

@@ -47,6 +47,7 @@ def key_of(
             *(target.vertices, target.triangles),
             *(weights.offsets, weights.bones, weights.values),
         ):
+            # Shape and type count too: equal bytes in another shape are other data.
             digest.update(repr((array.shape, array.dtype.str)).encode())
             digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
@@ -71,6 +72,8 @@ def read(key: str) -> dict[str, Any] | None:
     try:
         with np.load(path, allow_pickle=False) as stored:
             document = json.loads(stored["meta"].tobytes())
+            # Names of arrays are paths, such as models/ID/vertices, back into the nested
+            # dictionaries.
             for name in set(stored.files) - {"meta"}:
                 *groups, last = name.split("/")
                 reduce(getitem, groups, document)[last] = stored[name]

@@ -46,6 +46,7 @@ def copy_into(
     copy.animation_data_clear()
     copy.constraints.clear()
     copy.parent = None
+    # After the parent is removed: Blender would convert the matrix to the parent's space.
     copy.matrix_world = source.matrix_world
     copy.hide_viewport = copy.hide_render = False
     datablocks[0].collection.objects.link(copy)
@@ -57,6 +58,7 @@ def with_vertex_numbers(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
     copy = mesh.copy()
     numbers = np.arange(len(copy.vertices))
     for name, values in ((_VERTEX, numbers), (_CHECK, _check_numbers(numbers))):
+        # With a name in use, a new attribute would be renamed with a suffix and never be read.
         if name in copy.attributes:
             copy.attributes.remove(copy.attributes[name])
         copy.attributes.new(name, "INT", "POINT").data.foreach_set("value", values.astype(np.int32))

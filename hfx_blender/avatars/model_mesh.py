@@ -118,6 +118,7 @@ def show(context: bpy.types.Context, body: bpy.types.Object, model_id: str) -> b
     # Along the normals, by the strength alone.
     lift.mid_level = 0.0
     scale = abs(body.matrix_world.to_3x3().determinant()) ** (1 / 3)
+    # The modifier works in the object's own units: metres are divided by unit and scale.
     lift.strength = _ABOVE_SKIN_M / (metres_of(context.scene) * scale)
     obj.data.update()
     return obj

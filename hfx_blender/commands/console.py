@@ -108,6 +108,7 @@ class Progress:
         self._next = self._start
 
     def __call__(self, share: float, text: str = "") -> None:
+        # Long work shows its progress often, so a signal is noticed here.
         process_end.check()
         now = time.monotonic()
         if now < self._next and share < 1.0:

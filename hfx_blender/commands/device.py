@@ -113,6 +113,7 @@ def _check(options: argparse.Namespace, console: Console) -> int:
                 f"is found by the name of its file, '{options.file.stem}'"
             )
     console.result({"file": str(options.file), "faults": faults})
+    # Faults are the result of this command: no exception, but the exit code of a bad file.
     return InputError.exit_code if faults else 0
 
 

@@ -62,6 +62,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             ThisProcess() if in_process else LocalWorkers(options.jobs, options.time_limit)
         )
         try:
+            # Now in the order of the scenes; the reporter has added them in order of completion.
             outcomes[:] = batch.run(
                 units,
                 workers,
@@ -69,6 +70,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 progress=console.progress(title),
                 tell=reporter.brief if len(units) > 1 else reporter.fully,
             )
+        # Also after a signal (TerminatedError), whose exit code the caller returns.
         except KeyboardInterrupt:
             reporter.interrupted(len(units))
             raise
@@ -94,6 +96,7 @@ def _exit_code(results: Sequence[dict[str, Any]], is_named: bool) -> int:
             return SOME_FAILED
         # A requested device file that could not be written is a failure of a complete export.
         return SOME_FAILED if is_named and any(result.get("left_out") for result in results) else 0
+    # One code for all failures says more than "some failed".
     codes = {int(result["exit_code"]) for result in failed}
     return codes.pop() if len(failed) == len(results) and len(codes) == 1 else SOME_FAILED
 

@@ -152,6 +152,7 @@ def check(options: argparse.Namespace) -> None:
     from ..engine.areas.sample_run_builder import ON_DEMAND
 
     refuse_unknown(options.formats or (), "-f")
+    # A faulty device ends the command before any scene is opened.
     for name in options.device or ():
         if name != "none":
             load_device(name)

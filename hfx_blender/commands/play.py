@@ -90,6 +90,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..devices.live.track_playback import fault_of, play
     from ..files import resources
 
+    # With --json standard output holds nothing but the result.
     write_note = console.warn if console.as_json else console.say
     names = list(dict.fromkeys(options.device))
     _check_outputs(options, names)
@@ -104,8 +105,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
                     f"--from {options.begin:g}: expected {start_s:g} to below {end_s:g} s"
                 )
         else:
+            # The game is the source from here on; the clip has served to check devices and columns.
             source, address_note = _listening(options, targets, stack)
             progress = _no_progress
+        # Entered last, hence closed first: devices are silent before their source is closed.
         client = stack.enter_context(closing(LiveClient()))
         offset_ms = 0.0
         for name, (device, script) in targets.items():
@@ -179,6 +182,7 @@ def _listening(
     try:
         token = bytes.fromhex(given) or None
     except ValueError:
+        # An empty token has the wrong length, which is reported below.
         token = b""
     if token is not None and len(token) != TOKEN_BYTES:
         raise UsageError(f"{_TOKEN}: expected {2 * TOKEN_BYTES} hexadecimal digits")

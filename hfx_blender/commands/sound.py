@@ -88,6 +88,7 @@ def settings_of(options: argparse.Namespace) -> Any:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Open the scene and write the sound into the output folder; returns 0."""
+    # First, as the modules imported below need Blender.
     bpy = blender_session.start()
 
     from ..blender import linked_files

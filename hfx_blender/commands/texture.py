@@ -220,6 +220,7 @@ def _refuse_long(path_m: Any, speed_mm_s: float) -> None:
     """Raise TooLargeError for a path of too long a duration at a speed."""
     import numpy as np
 
+    # Infinite and NaN coordinates give such a length, which the limit refuses.
     with np.errstate(over="ignore", invalid="ignore"):
         length_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
     _refuse_lasting(1000.0 * length_m / speed_mm_s)

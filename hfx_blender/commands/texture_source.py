@@ -296,4 +296,5 @@ def picture(path: Path, values: str) -> F64:
     try:
         return read(image)
     finally:
+        # Images stay in Blender's memory until removed, and a watched folder may have thousands.
         bpy.data.images.remove(image)

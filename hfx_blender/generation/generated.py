@@ -103,6 +103,7 @@ def write(surface: Generated, folder: Path, version: str) -> Written:
     with staging.staging(folder, surface.name) as stage:
         stem = stage / surface.name
         pictures = {
+            # A PNG stores the top row first, the arrays begin at the bottom.
             "colour": surface.colour[::-1],
             "height": _codes(share),
             "roughness": _codes(np.clip(surface.roughness, 0.0, 1.0)),
@@ -121,6 +122,7 @@ def write(surface: Generated, folder: Path, version: str) -> Written:
             "format": FORMAT,
             "version": VERSION,
             "name": surface.name,
+            # Measured values below replace entries of the same name.
             **surface.record,
             "size_mm": [1e3 * length for length in surface.height.size_m],
             "height_mm": 1e3 * (high - low),

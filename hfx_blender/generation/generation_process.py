@@ -52,6 +52,7 @@ class GenerationProcess:
 
     def wait(self) -> None:
         """Wait for the end of the process; a crash sets :attr:`fault`."""
+        # An error that the process has sent says more than its exit.
         if self._worker.wait() and not self.fault:
             self.fault = f"Generation {self._worker.how_it_ended()}"
 

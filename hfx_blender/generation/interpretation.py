@@ -118,6 +118,7 @@ class Interpretation:
         for material in named or self.materials:
             kind = material.meaning.kind
             if kind not in self.unwanted:
+                # Materials aside, of weight 0, still decide where no further material is named.
                 scores[kind] += max(material.weight, 0.1)
                 last[kind] = max(last[kind], material.place)
         kind = max(KINDS, key=lambda name: (scores[name], last[name]))

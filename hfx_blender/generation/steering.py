@@ -56,6 +56,7 @@ def steered(
         thread_m = size / _THREADS
         depth = float(np.ptp(np.quantile(field.heights_m, (0.02, 0.98))))
         cloth = woven(Weave(steering.draft, thread_m, max(depth, 1e-6)), size, texels)
+        # Each draft has fibres of its own; equal arguments give equal fibres.
         rng = np.random.default_rng([seed, *steering.draft.encode()])
         fibres = 0.04 * depth * noise(rng, texels, size, 8.0 * thread_m, 0.3 * thread_m)
         field = HeightField(cloth.heights_m + fibres, cloth.texel_m)
@@ -67,6 +68,7 @@ def steered(
     heights = heights * (steering.scale * steering.depth)
     texel = field.texel_m[0] * steering.scale
     heights, roughness = (turned(grid, steering.direction_deg) for grid in (heights, roughness))
+    # Rows of the turned tile are diagonals, with longer texels.
     if steering.direction_deg == 45:
         texel *= float(np.sqrt(2.0))
     heights = heights - heights.min()
@@ -125,6 +127,7 @@ def albedo(
     """
     # noise() repeats at the edges of the tile, and independent texels have no seam.
     look = _LOOKS[kind]
+    # With 17 the sequence differs from that of the relief, so that colours do not repeat heights.
     rng = np.random.default_rng([seed, 17, *kind.encode()])
     texels, size = field.heights_m.shape[0], field.size_m[0]
     patches = noise(rng, texels, size, 0.12 * size, 0.02 * size, stretch=look.stretch)

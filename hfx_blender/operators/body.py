@@ -146,6 +146,7 @@ class HFX_OT_mark_body(_FittingOperator):
         from ..avatars import bodies
 
         body = _armature_for(context)
+        # World matrices of objects that were just moved are stale before an update.
         context.view_layer.update()
         before = body.hfx.felt_layer
         if self.properties.is_property_set("layer"):

@@ -108,6 +108,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         name="Full Precision", description="Weights as 32-bit floats instead of 8 bits"
     )
 
+    # Blender makes properties of annotations, and the formats are known only here.
     __annotations__ |= {
         _box_of(flags, name): _check_box(flags, name, *rest)
         for flags, items in (("formats", FORMAT_ITEMS), ("record", _RECORD_ITEMS))

@@ -212,6 +212,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
             self.start_modal(context, _PAUSE_S)
             self._show(context)
 
+        # Errors of the input are reported now; only a begun generator makes the operator modal.
         begun = self.reported(begin)
         return {"RUNNING_MODAL"} if begun == {"FINISHED"} else begun
 
@@ -221,6 +222,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
             self.cancel(context)
             self.report({"WARNING"}, self.cancelled)
             return {"CANCELLED"}
+        # Input is swallowed: a change of the scene would invalidate what the generator has read.
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}
         # `reported` returns FINISHED after each piece; `_steps` is None after the last.

@@ -44,6 +44,7 @@ class HFX_OT_workspace(HfxOperator):
             return ""
         before = set(bpy.data.workspaces)
         bpy.ops.workspace.duplicate()
+        # The operator returns no workspace: found by comparison.
         (added,) = set(bpy.data.workspaces) - before
         added.name = NAME
         # Blender shows the workspace after this operator: arrange its areas by a timer.

@@ -102,6 +102,7 @@ class Answering:
             bounds,
             self._places_of(bounds, skin, pose),
         )
+        # Far from skin at all samples; an impact may still be struck in between.
         if is_far and not may_graze(moments).any():
             self.settling.pass_over(stream, int(block.indices[rows[own[1] - 1]]))
             return None
@@ -122,10 +123,12 @@ class Answering:
                 is_flat=effect.area.falloff.is_flat,
                 is_live=is_live,
             )
+            # Neighbours served the estimates only: each block settles its own samples.
             touches = touches.part(slice(*own))
         samples = self.settling.settle(touches)
         if samples is None or block.live_s is None:
             return samples
+        # Live touches are timed by the clock, their samples by the scene.
         return replace(samples, times_s=self.scene.time.times_s(samples.indices))
 
     def _places_of(self, bounds: ReachableBounds, skin: BodySkin, pose: PoseBlock) -> BodyPlaces:
@@ -196,6 +199,8 @@ def depths_of(samples: SampleRun, contacts: SampleRun | None) -> npt.NDArray[np.
         own = slice(int(samples.offsets[j]), int(samples.offsets[j + 1]))
         vertices = contacts.vertices[known]
         at = np.searchsorted(vertices, samples.vertices[own])
+        # Behind the last vertex searchsorted gives the length: made a valid index, which does not
+        # match.
         at = np.minimum(at, len(vertices) - 1)
         is_known = vertices[at] == samples.vertices[own]
         depths[own] = np.where(is_known, contacts.depth_m[known][at], 0.0)

@@ -68,6 +68,7 @@ def refined(
     closely = coarsely = np.zeros(len(touches), np.bool_)
     if not is_live:
         is_bent = may_graze(moments)
+        # Untouched on the straight path between the samples, but the true path may be bent.
         grazes = ~is_passed & ~before & follows
         grazes &= may_touch(moments, grazes & is_bent, contacts)
         may_begin = begins | grazes
@@ -119,6 +120,7 @@ def _looked_closely(
         return touches, [], is_some
     finer = intervals.steps(*_closer_shares(steps, new, strong, slow_s))
     is_in = finer.is_touched[: len(new)]
+    # Without any touched fine step the last step counts, the touched coarse step itself.
     is_in[:, -1] = True
     first = is_in.argmax(axis=1)
     onsets = np.full(len(touches), np.nan)
@@ -206,6 +208,7 @@ def _changed(run: SampleRun, one: int, other: int) -> tuple[bool, bool]:
     parts = [slice(int(run.offsets[j]), int(run.offsets[j + 1])) for j in (one, other)]
     ids = np.concatenate([run.vertices[part] for part in parts])
     order = np.argsort(ids, kind="stable")
+    # Second weights minus first weights, summed for each vertex: the sign is that of the change.
     signed = np.concatenate([-run.weights[parts[0]], run.weights[parts[1]]])[order]
     first = np.flatnonzero(np.concatenate([[True], np.diff(ids[order]) > 0]))
     more = np.add.reduceat(signed, first)

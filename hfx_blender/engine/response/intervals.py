@@ -208,6 +208,7 @@ class Intervals:
             moments,
             effect=between_ends,
             rows=rows,
+            # A missing index parts the intervals, so that no step continues another interval.
             indices=rows + rows // count,
             times_s=times[ends - 1] + (times[ends] - times[ends - 1]) * s,
             posed=rows,
@@ -222,6 +223,8 @@ class Intervals:
         """Values (n S, ...) at fractions (n, S) of the intervals ``which``, from samples (T, ...).
         Computed by ``at``, a function of fractional sample indices; estimated if ``at`` is None or
         motion is straight."""
+        # The common case: a volume or a body at rest needs no estimate, and a broadcast takes no
+        # memory.
         if len(values) and (values == values[0]).all():
             still = values[0].astype(np.float64)
             return np.broadcast_to(still, (shares.size, *still.shape))
@@ -239,6 +242,7 @@ class Intervals:
         missing = [k for k, key in enumerate(keys) if key not in known]
         if missing:
             starts = self._moments.indices[self._rows[which[missing]] - 1]
+            # All missing intervals in one call: an evaluation of curves has a high fixed cost.
             computed = at((starts[:, None] + shares[missing]).ravel())
             parts = np.split(computed, len(missing))
             known.update(zip([keys[k] for k in missing], parts, strict=True))

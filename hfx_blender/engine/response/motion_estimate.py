@@ -58,6 +58,7 @@ class MotionEstimate:
         read-only."""
         if self._is_still:
             return np.broadcast_to(self._nodes[0], (len(shares), *self._nodes.shape[1:]))
+        # Two parabolas blended by a linear weight are a cubic, which four nodes determine exactly.
         basis = np.vander(shares, len(_NODES)) @ _CUBICS
         values: F64 = np.tensordot(basis, self._nodes, axes=1)
         if len(self._turns):

@@ -60,6 +60,7 @@ class Settling:
         if quiet:
             self.pass_over(touches.stream, int(touches.indices[-1]))
             return None
+        # Also without samples: impacts may ring on into the next part.
         run, self.memories[touches.stream] = settled(touches, memory)
         return run
 
@@ -102,6 +103,7 @@ class _Timeline:
         row_of = np.concatenate([between.rows, rows])[order]
         times = np.concatenate([between.times_s, touches.times_s])[order]
         before = np.concatenate([[memory.time_s], times[:-1]])
+        # Moments and their sample share a row; across samples consecutive indices decide.
         follows = (np.diff(row_of, prepend=-1) == 0) | _follows(touches, memory)[row_of]
         is_between = np.ones(len(between.rows), np.bool_)
         return cls(
@@ -145,6 +147,7 @@ def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]
         elif filter_.kind is FilterKind.PROXIMITY:
             values[line.is_touched, f] = 1.0
     influences = touches.controls[line.row_of, :, 0]
+    # An impact that multiplies needs a factor to act on without touch: 1 while the impact rings.
     starts = ringing.rings & multiplies
     response = folded(filters, (line.is_touched | starts).astype(np.float64), values, influences)
     # Two foldings of the stack: with touch and nearness, and without; their quotient scales ringing
@@ -193,6 +196,7 @@ def _ringing(touches: Touches, memory: Memory, line: _Timeline, begins: Bool) ->
     energies: dict[float, F64] = {}
     ends: dict[float, Bool] = {}
     is_loud = begins.copy()
+    # Beginning of the interval before each sample: its moments count if an impact is loud there.
     since = np.concatenate([[memory.time_s], touches.times_s[:-1]])
     for f, of_filter in enumerate(impacts):
         for impact in of_filter:
@@ -239,6 +243,7 @@ def _begins(touches: Touches, memory: Memory) -> Bool:
     between = touches.between
     was_touched = np.concatenate([[memory.was_touched], touches.is_touched[:-1]])
     is_touched = touches.is_touched.copy()
+    # A touch between two samples begins an impact too, also with free skin at both samples.
     is_touched[between.rows] = True
     begins = is_touched & ~was_touched & _follows(touches, memory) & (touches.speeds_m_s > 0.0)
     last = np.full(len(touches), -np.inf)
@@ -375,6 +380,7 @@ class _Held:
         left = 0.0 if self.left is None else self.left[0]
         inside = float(levels[:-1].max())
         level = inside if inside > max(left, levels[-1]) else float(levels[-1])
+        # At least the largest product, so that no weight exceeds 1.
         level = max(level, float(products.max()))
         shown = np.minimum(products / level, 1.0).astype(np.float32)
         return level, (vertices[shown > 0.0], shown[shown > 0.0])
@@ -391,6 +397,7 @@ def _spread(weighted_set: WeightedSet | None, vertices: I32) -> F64:
 def _merged(one: WeightedSet, second: WeightedSet) -> WeightedSet:
     """Union of two sets with the larger weight of each vertex, ascending; ``one`` itself if nothing
     grows."""
+    # float64 holds each float32 exactly: an unchanged set compares as equal.
     known = one[0], one[1].astype(np.float64)
     vertices, weights = strongest(known, second[0], second[1].astype(np.float64))
     if len(vertices) == len(one[0]) and (weights == one[1]).all():

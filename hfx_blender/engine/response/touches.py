@@ -171,6 +171,7 @@ class Moments:
             sets = {k: self._in_space(k, *pair, controls[k]) for k, pair in sets.items()}
             sets = {k: pair for k, pair in sets.items() if len(pair[0])}
             is_touched &= np.isin(np.arange(len(rows)), list(sets))
+        # With impacts, times without skin count as well: an impact may still ring.
         times = np.arange(len(rows))
         if not any(filter_.kind is FilterKind.IMPACT for filter_ in filters):
             times = np.array(sorted(sets), np.int64)
@@ -244,6 +245,7 @@ class Moments:
         reach = controls[:, 1, None]
         at = np.searchsorted(self.bounds.rows, self.rows)
         low, high = (boxes[:, 0] - reach)[:, None], (boxes[:, 1] + reach)[:, None]
+        # Boxes first: exact distances only for clusters within reach.
         candidates = (self.bounds.low[at] <= high) & (self.bounds.high[at] >= low)
         candidates = candidates.all(axis=2) & (controls[:, 0] > 0.0)[:, None]
         candidate_rows = np.flatnonzero(candidates.any(axis=1))
@@ -296,6 +298,7 @@ class Moments:
         row = int(self.rows[k])
         points = self.skin.vertices.points(vertices, self.pose, row, self.pose.to_world[row])
         matrix = self.effect.matrices[row]
+        # Distances in space are from the volume's origin, or from its z axis.
         offsets = points - matrix[:3, 3:]
         for f, filter_ in enumerate(self.filters):
             if not filter_.is_in_space:

@@ -55,6 +55,7 @@ class HFX_OT_place_dropped(HfxOperator):
 def _on_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     for update in depsgraph.updates:
         if isinstance(update.id, bpy.types.Object) and effect_assets.SENSATION in update.id:
+            # By a timer: objects must not be replaced while Blender reports updates.
             call_soon(_take)
             return
 

@@ -189,6 +189,7 @@ class HFX_OT_live_connect(_OfDevice):
             self.kind, self.port, self.host, self.path, self.offset_ms, unit
         )
         live.connect(self.name, settings)
+        # After connecting: settings that raise an error are not kept.
         live_settings.store(self.name, settings)
         return ""
 
@@ -281,6 +282,7 @@ class HFX_OT_live_approve(_OfDevice):
         from ...devices.live import approval
 
         script = self._found()
+        # The dialog may be open for long: only the version that was shown is approved.
         if self.fingerprint and script.fingerprint != self.fingerprint:
             raise InputError(f"{script.path}: has just changed; read it again.")
         approval.approve(script)
@@ -405,6 +407,7 @@ class HFX_OT_live_offset(_OfDevice):
         return True
 
     def cancel(self, _context: bpy.types.Context) -> None:
+        # Dragging has changed the offset already: back to the stored value.
         live.set_offset(self.name, _settings_of(self.name).offset_ms)
 
     def work(self, _context: bpy.types.Context) -> str:

@@ -339,6 +339,7 @@ class HFX_OT_area_copy(_PaintedOperator):
             raise InputError("Select the target painted effects first, and this effect last.")
         weights = painting.weights_of(source)
         for effect in others:
+            # Effects of another modality have a model with other vertices.
             there = areas.transferred(_model(source), weights, _model(effect))
             _blend(effect, there, self.blend)
         return f"Copied the area of '{source.name}' to {len(others)} effects"

@@ -183,6 +183,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         canvas = painting.canvas_in(context)
         if canvas is None:  # finished, undone or deleted
+            # The mesh with the list of hidden objects is gone: the operator has kept their names.
             show([context.view_layer], self._hidden)
             return self._ended(context)
         if canvas != context.object or canvas.mode == "OBJECT":  # left by other means
@@ -200,6 +201,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
                 context.workspace.status_text_set(text or None)
         if canvas.mode == "WEIGHT_PAINT":
             self._brush.fit(context, canvas, event)
+        # All events pass on: strokes and navigation are Blender's.
         return {"PASS_THROUGH"}
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
@@ -222,6 +224,7 @@ def _resume() -> None:
 
 @persistent
 def _after_undo(*_: object) -> None:
+    # By a timer, when Blender has finished the undo.
     call_soon(_resume)
 
 
@@ -246,6 +249,7 @@ def _vertex_under(
         to_local = canvas.matrix_world.inverted_safe()
         evaluated = canvas.evaluated_get(context.evaluated_depsgraph_get())
         hit, _, _, face = evaluated.ray_cast(to_local @ origin, to_local.to_3x3() @ ray)
+        # Modifiers may add faces that the mesh itself lacks.
         if not hit or face >= len(canvas.data.polygons):
             return None
         return int(canvas.data.polygons[face].vertices[0])

@@ -73,6 +73,7 @@ def _on_body(
     key = hash(places.tobytes())
     # A path rarely changes, but is drawn at each frame: its anchors on the skin are cached.
     if key not in _anchors:
+        # A path that is being edited leaves an entry for each of its versions.
         if len(_anchors) > 256:
             _anchors.clear()
         _anchors[key] = skin_picking.Anchors.of(places)
@@ -157,6 +158,7 @@ def _draw_line(points: F32, colour: tuple[float, ...]) -> None:
     shader.uniform_float("lineWidth", _WIDTH)
     shader.uniform_float("color", colour)
     batch.draw(shader)
+    # The state outlives this callback, and Blender's further drawing expects the default.
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
 

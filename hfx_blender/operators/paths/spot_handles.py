@@ -248,6 +248,7 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         else:
             effect[paths.PATH] = anchor.tolist()
         _stand(context, effect)
+        # ID properties that are set from Python do not mark the object as changed.
         effect.update_tag()
         if len(self._own) > 1:
             path_overlay.show_pending(effect.hfx.body, anchor[None], self._own)

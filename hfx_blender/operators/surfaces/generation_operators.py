@@ -143,6 +143,7 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
     def _end(self, context: bpy.types.Context) -> str:
         global running
         assert running is not None
+        # First of all: an error below must not leave an ended process as the running one.
         done, running = running, None
         done.cancel()  # the process has ended: closes its pipes only
         if done.fault:

@@ -72,6 +72,7 @@ class HFX_OT_stroke_pad(HfxOperator):
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         try:
             return self._react(context, event)
+        # After an exception Blender does not call cancel(): draw handler and timer would stay.
         except Exception:
             self._close(context)
             raise
@@ -156,6 +157,7 @@ class HFX_OT_stroke_pad(HfxOperator):
     def _close(self, context: bpy.types.Context) -> None:
         self._space.draw_handler_remove(self._handler, "WINDOW")
         context.window_manager.event_timer_remove(self._timer)
+        # Silences the devices; the last stroke stays for the export.
         self._keep(None)
         self._sound.close()
         self._region.tag_redraw()
