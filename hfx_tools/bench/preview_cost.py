@@ -200,7 +200,7 @@ def _play(
         for k, frame in enumerate(frames):
             # Alternating order cancels drift and warm caches.
             for is_on in (True, False) if (turn + k) % 2 else (False, True):
-                calls = _Preview(is_on, is_check=k % check_interval == 0)
+                calls = PreviewFrame(is_on, is_check=k % check_interval == 0)
                 begun = time.perf_counter()
                 scene.frame_set(frame)
                 calls.on_frame()
@@ -223,7 +223,7 @@ class _Seconds:
     card: float = 0.0  # not part of own
 
 
-class _Preview:
+class PreviewFrame:
     """Timed calls of the preview in one frame; no calls with ``is_on`` False."""
 
     def __init__(self, is_on: bool, is_check: bool) -> None:

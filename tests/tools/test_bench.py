@@ -19,8 +19,9 @@ from hfx_blender import cli
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.errors import InputError
+from hfx_blender.processes import blender_session
 from hfx_tools import charts
-from hfx_tools.bench import economy, machine, volumes
+from hfx_tools.bench import economy, machine, preview_cost, volumes
 from hfx_tools.bench.trade import trade_chart, trade_report
 
 
@@ -226,3 +227,10 @@ def _judged() -> dict[str, Any]:
     mesh = {"shape": "ring", "build_ms": 1.0, "hfx_ms": 1.0, "trimesh_ms": None, "ratio": None}
     judged = {"wrong": None, "judged": 0, "unsure": 0}
     return {"meshes": [{**mesh, **judged}], "formulas": [], "band": 1e-9, "near": 0.02}
+
+
+def test_the_preview_bench_times_functions_that_exist() -> None:
+    blender_session.start()
+    frame = preview_cost.PreviewFrame(is_on=True, is_check=False)
+    frame.on_frame()  # fails if a timed function of the engine or the drawing is gone
+    assert frame.seconds.own > 0.0 and frame.seconds.engine == frame.seconds.card == 0.0
