@@ -41,7 +41,7 @@ def test_the_godot_addon_plays_the_conformance_clips(tmp_path: Path) -> None:
     add_extension(project)
     start = [godot, "--headless", "--path", project]
     subprocess.run([*start, "--import"], check=True)
-    for script, folder in (("conformance", "."), ("body", "spatial")):
+    for script, folder in (("conformance", "."), ("body", "spatial"), ("surfaces", "surfaces")):
         expected = ["--script", f"tests/{script}.gd", "--", PLAYERS / "conformance" / folder]
         subprocess.run([*start, *expected], check=True)
 

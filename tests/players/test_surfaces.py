@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from check_surfaces import clip_of, compare, surface_of
-from core_library import Clip, Stroke
+from core_library import ROOT, Clip, Stroke
 from small_clip import write_small_clip
 from test_clip import TEXT, TOUCH, by_hand
 
@@ -151,6 +151,26 @@ def test_strokes_over_materials_feel_as_contacts_of_the_engine(name: str, tmp_pa
     counts = compare(surface_of(name, texels=128), tmp_path, strokes=12, seed=5)
     assert counts.moving > 300
     assert counts.amplitudes == counts.frequencies == counts.samples
+
+
+def test_strokes_of_the_conformance_folder() -> None:
+    folder = ROOT / "players" / "conformance" / "surfaces"
+    clip = Clip((folder / "strokes.hfxclip").read_bytes())
+    sections = clip_rules.read((folder / "strokes.hfxclip").read_bytes(), "strokes")
+    number, compared = 0, 0
+    for line in (folder / "strokes.txt").read_text().splitlines():
+        call, _, values = line.partition(" = ")
+        word, *numbers = call.split()
+        if word == "surface":
+            number = int(numbers[0])
+            stroke = Stroke(clip, number)
+            continue
+        actual = stroke.feel(*map(float, numbers))
+        expected = [*map(float, values.split())]
+        assert abs(actual[0] - expected[0]) <= sections["SURF"]["m_s2"][number][1] / 255.0, line
+        assert len(expected) < 2 or abs(actual[1] - expected[1]) <= 1.0, line
+        compared += len(expected) > 1
+    assert compared > 700
 
 
 def scene_of(*areas: Any, level: float = 0.5) -> tuple[SceneDescription, SpatialRecorder]:

@@ -11,15 +11,21 @@ from __future__ import annotations
 import shutil
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "players"))
 from check_spatial import moments
+from check_surfaces import FRAME_S, drawn, paths_of, surface_of
 from clip_cases import DEMOS, SPECS, Case, cases
 from walkers import RATE_HZ, walk
 
+from hfx_blender.engine.scene import EffectDescription, HapticSurface
+from hfx_blender.engine.texture.contact_rendering import ContactRenderer
+from hfx_blender.engine.texture.haptic_map import HapticMap
+from hfx_blender.formats.clip import surface_maps
 from hfx_blender.formats.clip.container import Texts, encoded, records
 
 FOLDER = Path(__file__).resolve().parents[3] / "players" / "conformance"
@@ -134,6 +140,38 @@ def write_behaviour(folder: Path) -> None:
     (folder / "behaviour.hfxclip").write_bytes(encoded(sections, "behaviour"))
 
 
+def write_surfaces(folder: Path) -> None:
+    """Write ``strokes``: three materials, one of them without tiling, and the engine's contacts."""
+    texts, lines, random = Texts(), [], np.random.default_rng(7)
+    surfaces = [surface_of(name, texels=48) for name in ("gravel-sharp", "metal-satin")]
+    edged = replace(_map_of(surface_of("wood-weathered", texels=40)), tiles=False)
+    surfaces.append(surface_of(edged))
+    surfaces = [replace(surface, name=f"Pad {k}") for k, surface in enumerate(surfaces)]
+    full = {"level": np.array(0.5), "parameters": np.array([20.0, 0.0])}  # 10 m/s^2
+    sections = surface_maps.sections_of([(surface, full) for surface in surfaces], texts)
+    sections |= {"TIME": records("TIME", [(1.0, 0.0, 1, 0)]), "TEXT": texts.records}
+    folder.mkdir(exist_ok=True)
+    (folder / "strokes.hfxclip").write_bytes(encoded(sections, "strokes"))
+    for number in [*range(len(surfaces))] * 5:
+        assert isinstance(surfaces[number].area, HapticSurface)
+        map_ = _map_of(surfaces[number])
+        places = drawn(random, map_.size_m)
+        drive, hertz = ContactRenderer(surfaces[number].area.texture, FRAME_S).render(
+            paths_of(places)
+        )
+        amplitude = 10.0 * map_.device.amplitude_m_s2(drive) / map_.device.amplitude_m_s2(1.0)
+        lines.append(f"surface {number}")
+        for (u, v), strength, frequency in zip(places / map_.size_m, amplitude, hertz, strict=True):
+            values = f"{strength:.5g} {frequency:.6g}" if strength > 0.0 else "0"
+            lines.append(f"feel {u:.12g} {v:.12g} {FRAME_S:.9g} = {values}")
+    (folder / "strokes.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _map_of(surface: EffectDescription) -> HapticMap:
+    assert isinstance(surface.area, HapticSurface) and surface.area.texture.map is not None
+    return surface.area.texture.map
+
+
 def _numbers(matrix: np.ndarray) -> str:
     return " ".join(f"{item:.7g}" for item in matrix.ravel())
 
@@ -147,6 +185,7 @@ def main() -> None:
             (FOLDER / f"{case.name}.txt").write_text(script_of(case), encoding="utf-8")
     write_walk(FOLDER / "spatial")
     write_behaviour(FOLDER / "behaviour")
+    write_surfaces(FOLDER / "surfaces")
     total = sum(item.stat().st_size for item in FOLDER.rglob("*"))
     count = len(SPECS) + len(DEMOS)
     sys.stdout.write(f"{count} clips, {total / 2**20:.2f} MiB in {FOLDER}\n")

@@ -11,7 +11,7 @@ const MAGIC := "48465843 4c49500a"
 const VERSION := 1
 const SIZES := {
 	"TEXT": 1, "TIME": 24, "DEVC": 32, "ACTR": 88, "COLM": 40, "ROWS": 4, "VALU": 2, "CLIP": 24,
-	"BODY": 24, "BONE": 72, "EFCT": 128,
+	"BODY": 24, "BONE": 72, "EFCT": 128, "SURF": 24, "HMAP": 32, "TEXL": 4,
 }
 const MODALITIES: PackedStringArray = ["vibration", "pressure", "temperature", "wind"]
 const SHAPES: PackedStringArray = ["cuboid", "sphere", "cylinder", "capsule"]
@@ -137,6 +137,33 @@ func get_effects() -> Array[Dictionary]:
 			"half_segment": bytes.decode_float(at + 24),
 			"level": bytes.decode_float(at + 36),
 			"transform": _transform(at + 76),
+		})
+	return found
+
+
+## Haptic surfaces: name, columns, rows, width_mm, height_mm, tiles, lowest_m_s2, highest_m_s2,
+## lowest_hz, highest_hz, and texels, the byte of the first texel.
+func get_surfaces() -> Array[Dictionary]:
+	_read()
+	var found: Array[Dictionary] = []
+	for k in _count("SURF"):
+		var at := _at("SURF", k)
+		var number := bytes.decode_u32(at + 4)
+		var map := _at("HMAP", number)
+		if number >= _count("HMAP") or not _is_map(map):
+			return []
+		found.append({
+			"name": _text(at),
+			"columns": bytes.decode_u32(map),
+			"rows": bytes.decode_u32(map + 4),
+			"width_mm": bytes.decode_float(map + 8),
+			"height_mm": bytes.decode_float(map + 12),
+			"tiles": bytes.decode_u32(map + 16) == 1,
+			"lowest_m_s2": bytes.decode_float(at + 8),
+			"highest_m_s2": bytes.decode_float(at + 12),
+			"lowest_hz": bytes.decode_float(at + 16),
+			"highest_hz": bytes.decode_float(at + 20),
+			"texels": _at("TEXL", bytes.decode_u32(map + 20)),
 		})
 	return found
 
@@ -272,6 +299,11 @@ func _fits(actuator: Dictionary) -> bool:
 		and rows[0] == 0
 		and actuator.last_value <= _count("VALU")
 	)
+
+
+func _is_map(at: int) -> bool:
+	var texels := bytes.decode_u32(at) * bytes.decode_u32(at + 4)
+	return texels > 0 and bytes.decode_u32(at + 20) + texels <= _count("TEXL")
 
 
 func _device(at: int) -> Dictionary:
