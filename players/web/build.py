@@ -21,7 +21,7 @@ export {
 };
 """
 LICENSE = "// SPDX-License-Identifier: MIT\n// Made by players/web/build.py of HFX for Blender.\n"
-TARGET = "-target wasm32-wasi -mexec-model=reactor -std=c99 -Os -fno-math-errno"
+TARGET = "-target wasm32-wasi -mexec-model=reactor -std=c99 -Os -msimd128 -fno-math-errno"
 WARNINGS = "-Wall -Wextra -Werror -Wno-unused-function -fno-sanitize=undefined"
 LINKING = "-fvisibility=hidden -s -Wl,--export-dynamic -Wl,--export=__heap_base"
 

@@ -17,14 +17,9 @@ export function boneKey(name) {
   return plain(bare);
 }
 
-/** A name as three.js' loaders spell it. */
-function sanitized(name) {
-  return name.replace(/\s/g, "_").replace(/[[\].:/]/g, "");
-}
-
 /**
  * Object for each bone of a clip's body, or null: by its name in the scene, then by its Mixamo, Unreal
- * and VRM names; first as spelt here or by three.js, then by `boneKey`. Objects with `isBone` come before others.
+ * and VRM names; first as spelt, then by `boneKey`. Objects with `isBone` come before others.
  */
 export function findBones(bones, root) {
   const objects = [];
@@ -41,7 +36,7 @@ export function findBones(bones, root) {
   }
   return bones.map((bone) => {
     const names = [bone.name, bone.mixamo, bone.unreal, bone.human].filter((name) => name);
-    const exact = [...names, ...names.map(sanitized)].find((name) => byName.has(name));
+    const exact = names.find((name) => byName.has(name));
     if (exact) return byName.get(exact);
     const spelt = names.find((name) => byKey.has(boneKey(name)));
     return spelt ? byKey.get(boneKey(spelt)) : null;

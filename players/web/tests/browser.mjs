@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// node tests/browser.mjs CHROMIUM DIST FOLDER: judges the package in a browser without a window, and plays the
-// page of the garage for some seconds. Ends with 1 if something is wrong.
+// node tests/browser.mjs CHROMIUM DIST FOLDER [NODE_MODULES]: judges the package in a browser without a window, and
+// plays the page of the garage for some seconds. With node_modules of three and iwer also a skeleton of three.js and
+// a session of WebXR. Ends with 1 if something is wrong.
 import { spawn } from "node:child_process";
 import { mkdtempSync, readdirSync, readFileSync, rmSync } from "node:fs";
 import { createServer } from "node:http";
@@ -8,9 +9,9 @@ import { tmpdir } from "node:os";
 import { dirname, join, normalize } from "node:path";
 import { fileURLToPath } from "node:url";
 
-const [browser, dist, folder] = process.argv.slice(2);
+const [browser, dist, folder, modules] = process.argv.slice(2);
 const here = dirname(fileURLToPath(import.meta.url));
-const roots = { "/dist/": dist, "/conformance/": folder, "/tests/": here };
+const roots = { "/dist/": dist, "/conformance/": folder, "/tests/": here, ...(modules && { "/modules/": modules }) };
 const types = { js: "text/javascript", html: "text/html", json: "application/json" };
 
 function found(url) {
@@ -42,7 +43,7 @@ const answer = new Promise((resolve, reject) => {
   server.listen(0, "127.0.0.1", () => {
     const profile = mkdtempSync(join(tmpdir(), "hfx_browser_"));
     const page = `http://127.0.0.1:${server.address().port}/tests/browser.html`;
-    const options = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", `--user-data-dir=${profile}`];
+    const options = ["--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--no-first-run", `--user-data-dir=${profile}`];
     const child = spawn(browser, [...options, page], { stdio: "ignore", detached: true });
     const timer = setTimeout(() => reject(new Error("the browser did not answer within 120 s")), 120_000);
     child.on("error", reject);

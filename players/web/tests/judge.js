@@ -106,14 +106,14 @@ function isDone(call) {
 }
 
 /**
- * Walks the body of players/conformance/spatial. With `posed`, bones are objects as of three.js with axes and
- * names of their own, and volumes are objects that volumes of the package follow.
+ * Walks the body of players/conformance/spatial. With `posed`, bones are objects as of three.js with axes of their
+ * own and names as its loaders spell them, and volumes follow objects. With `three`, they are objects of three.js.
  */
-export async function judgeWalk(hfx, bytes, text, posed) {
+export async function judgeWalk(hfx, bytes, text, posed, three = null) {
   const clip = await hfx.HapticClip.from(bytes);
   const body = new hfx.HapticBody(clip);
   const bones = new Float32Array(12 * body.bones.length);
-  const scene = posed ? new Skeleton(body) : null;
+  const scene = posed ? new Skeleton(body, three) : null;
   const result = { compared: 0, wrong: [] };
   let evaluated = 0;
   for (const line of text.split("\n")) {
@@ -154,47 +154,77 @@ export async function judgeWalk(hfx, bytes, text, posed) {
 
 /** Objects like three.js': names, parents, matrixWorld; the clip's (x, y, z) is (x, z, -y) of their world. */
 class Skeleton {
-  constructor(body) {
+  constructor(body, three = null) {
     this.body = body;
+    this.three = three;
     this.volumes = [];
-    const root = node("Avatar", null);
-    const armature = node("Armature", root);
-    armature.matrixWorld.elements = placed(7, [0.3, -0.2, 0.5]);
-    this.armature = armature;
+    this.objects = [];
+    const root = this.node("Avatar", null);
+    const armature = this.node("Armature", root, placed(7, [0.3, -0.2, 0.5]));
     this.own = body.bones.map((_, k) => placed(k + 1, [0.1 * k, 0.02 * k, -0.05 * k]));
-    this.bones = body.bones.map((bone) => ({ ...node(bone.name.replace(/[.:]/g, ""), null), isBone: true }));
-    this.bones.forEach((bone, k) => {
-      const parent = body.bones[k].parent;
-      bone.parent = parent < 0 ? armature : this.bones[parent];
-      bone.parent.children.push(bone);
-      // At rest a bone stands somewhere in the armature's space, on axes of its own.
-      bone.matrixWorld.elements = product(armature.matrixWorld.elements, this.own[k]);
+    // At rest a bone stands somewhere in the armature's space, on axes of its own.
+    this.bones = [];
+    body.bones.forEach(({ name, parent }, k) => {
+      const world = product(placed(7, [0.3, -0.2, 0.5]), this.own[k]);
+      const spelt = three ? three.PropertyBinding.sanitizeNodeName(name) : name.replace(/[.:]/g, "");
+      this.bones.push(this.node(spelt, parent < 0 ? armature : this.bones[parent], world, true));
     });
+    this.forget();
     body.attach(root);
+    if (body.missing.length) throw new Error(`missing: ${body.missing}`);
+  }
+
+  node(name, parent, world = placed(0, [0, 0, 0]), isBone = false) {
+    const { three } = this;
+    const made = three
+      ? Object.assign(isBone ? new three.Bone() : new three.Object3D(), { name, matrixAutoUpdate: false })
+      : { name, parent, isBone, children: [], matrixWorld: { elements: world } };
+    if (three) parent?.add(made);
+    else parent?.children.push(made);
+    this.objects.push(made);
+    this.move(made, world);
+    return made;
+  }
+
+  /** Moves an object, its parents being where they shall be. */
+  move(object, world) {
+    if (!this.three) {
+      object.matrixWorld.elements = world;
+      return;
+    }
+    object.matrix.fromArray(world);
+    if (object.parent) object.matrix.premultiply(object.parent.matrixWorld.clone().invert());
+    object.matrixWorld.fromArray(world);
+  }
+
+  /** Outdates world matrices of three.js, which the package has to update. */
+  forget() {
+    if (!this.three) return;
+    for (const object of this.objects) {
+      object.matrixWorld.identity();
+      object.matrixWorldNeedsUpdate = true;
+    }
   }
 
   /** Bone K, whose rest space moved by M (clip's axes): M in these axes, then its place at rest. */
   pose(matrices) {
+    if (this.three) this.objects[0].updateMatrixWorld(true);
     this.bones.forEach((bone, k) => {
-      bone.matrixWorld.elements = product(toThree(matrices.subarray(12 * k, 12 * k + 12)), this.own[k]);
+      this.move(bone, product(toThree(matrices.subarray(12 * k, 12 * k + 12)), this.own[k]));
     });
+    this.forget();
   }
 
   volume(effect) {
-    return this.body.addVolume(effect, node("volume", null));
+    return this.body.addVolume(effect, this.node("volume", null));
   }
 
   place(effect, level, matrix) {
     this.volumes[effect] ??= this.volume(this.body.clip.effects[effect].name);
     this.volumes[effect].level = level;
-    this.volumes[effect].object.matrixWorld.elements = toThree(matrix);
+    this.move(this.volumes[effect].object, toThree(matrix));
+    this.forget();
   }
-}
-
-function node(name, parent) {
-  const made = { name, parent, children: [], matrixWorld: { elements: placed(0, [0, 0, 0]) } };
-  parent?.children.push(made);
-  return made;
 }
 
 /** A turn by `angle` about Y after one by half of it about X, then a place; column after column. */
@@ -220,8 +250,8 @@ function toThree(m) {
   return [...columns[0], 0, ...columns[2], 0, ...columns[1].map((value) => -value), 0, ...columns[3], 1];
 }
 
-/** Judges the whole folder; `read(name)` gives bytes of a file, `names` are its .txt files. */
-export async function judgeAll(hfx, names, read) {
+/** Judges the whole folder; `read(name)` gives bytes of a file, `names` are its .txt files; `three`: or null. */
+export async function judgeAll(hfx, names, read, three = null) {
   const text = async (name) => new TextDecoder().decode(await read(name));
   const clips = [];
   for (const name of names) {
@@ -231,14 +261,16 @@ export async function judgeAll(hfx, names, read) {
   const behaviour = await judgeBehaviour(hfx, await read("behaviour/behaviour.hfxclip"), await text("behaviour/behaviour.txt"));
   const walk = [await read("spatial/walk.hfxclip"), await text("spatial/walk.txt")];
   const walks = [await judgeWalk(hfx, ...walk, false), await judgeWalk(hfx, ...walk, true)];
+  if (three) walks.push(await judgeWalk(hfx, ...walk, true, three));
   const pulses = await judgePulses(hfx, await read("touch.hfxclip"), await text("touch.txt"));
-  const all = [...clips, behaviour, ...walks, pulses];
+  const rigs = await judgeNames(hfx, walk[0]);
+  const all = [...clips, behaviour, ...walks, pulses, rigs];
   const wrong = all.flatMap((result) => result.wrong);
   if (all.some((result) => !result.compared)) wrong.push("something was not compared");
   const values = clips.reduce((sum, result) => sum + result.compared, 0);
   const summary =
     `${clips.length} clips, ${values} values, ${behaviour.compared} calls, ` +
-    `${walks.map((result) => result.compared).join(" and ")} weights, ${pulses.compared} pulses, ${wrong.length} wrong`;
+    `${walks.map((result) => result.compared).join(", ")} weights, ${pulses.compared} pulses, ${wrong.length} wrong`;
   return { wrong, summary };
 }
 /**
@@ -301,6 +333,38 @@ export async function judgePulses(hfx, bytes, text) {
   return result;
 }
 
+/** Attaches skeletons with names of other rigs: exactly the bones that have no name there are missing. */
+export async function judgeNames(hfx, bytes) {
+  const clip = await hfx.HapticClip.from(bytes);
+  const capital = (name) => name && name[0].toUpperCase() + name.slice(1);
+  const sided = (human) => human.replace(/^left(.*)/, "$1_L").replace(/^right(.*)/, "$1_R");
+  const spellings = {
+    mixamo: (bone) => bone.mixamo && `mixamorig:${bone.mixamo}`,
+    loaded: (bone) => bone.mixamo && `mixamorig1${bone.mixamo}`, // as three.js spells it
+    unreal: (bone) => bone.unreal,
+    vrm: (bone) => bone.human,
+    godot: (bone) => capital(bone.human),
+    vroid: (bone) => bone.human && `J_Bip_${/^left/.test(bone.human) ? "L_" : /^right/.test(bone.human) ? "R_" : "C_"}${bone.human.replace(/^(left|right)/, "")}`,
+    sides: (bone) => sided(bone.human),
+    rigify: (bone) => `DEF-${bone.name}`,
+    namespace: (bone) => `Avatar:${bone.name}`,
+  };
+  const result = { compared: 0, wrong: [] };
+  const { warn } = console;
+  console.warn = () => {};
+  for (const [rig, spell] of Object.entries(spellings)) {
+    const body = new hfx.HapticBody(clip);
+    const root = { name: "Avatar", parent: null, children: [], matrixWorld: { elements: placed(0, [0, 0, 0]) } };
+    for (const name of new Set(body.bones.map(spell))) if (name) root.children.push({ ...root, name, parent: root, children: [], isBone: true });
+    body.attach(root);
+    const planned = body.bones.filter((bone) => bone.hasSkin && !spell(bone)).map((bone) => bone.name);
+    result.compared += body.bones.length;
+    if (String(body.missing) !== String(planned)) result.wrong.push(`${rig}: missing are ${body.missing} instead of ${planned}`);
+  }
+  console.warn = warn;
+  return result;
+}
+
 /** Compares index.d.ts with the package: its exports, and the members of its classes. */
 export async function judgeTypes(hfx, declarations, bytes) {
   const clip = await hfx.HapticClip.from(bytes);
@@ -355,6 +419,58 @@ export async function judgeGarage(address) {
   if (patterns.length && String(patterns.at(-1)) !== "0") result.wrong.push("the garage vibrates without focus");
   if (!/^\d+\.\d of \d+\.\d s/.test(contentDocument.getElementById("text").textContent)) result.wrong.push("the garage shows no time");
   frame.remove();
+  return result;
+}
+
+/**
+ * Plays touch.hfxclip in a session of three.js' renderer in iwer's headset: each frame the pulses that its
+ * values ask for, silence while the headset shows something else and when the session ends.
+ */
+export async function judgeHeadset(hfx, three, iwer, bytes) {
+  const headset = new iwer.XRDevice(iwer.metaQuest3);
+  headset.installRuntime({ forceInstall: true });
+  const renderer = new three.WebGLRenderer();
+  renderer.xr.enabled = true;
+  const session = await navigator.xr.requestSession("immersive-vr", { optionalFeatures: ["local-floor"] });
+  await renderer.xr.setSession(session);
+  const player = new hfx.HapticPlayer(await hfx.HapticClip.from(bytes));
+  const loop = new hfx.HapticLoop(player, new hfx.XRHaptics(session, player));
+  loop.session = session;
+  player.loop = true;
+  player.play();
+  const result = { compared: 0, wrong: [] };
+  const pulses = { left: [], right: [] };
+  const isOn = { left: false, right: false };
+  let frames = 0;
+  renderer.setAnimationLoop((time) => {
+    if (!loop.session) return; // three.js draws on the page when the session has ended
+    for (const { handedness, gamepad } of session.inputSources) // the same actuator each frame
+      gamepad.hapticActuators[0].pulse = async (...pulse) => pulses[handedness].push(pulse);
+    loop.frame(time);
+    frames += 1;
+    ["left", "right"].forEach((side, k) => {
+      const share = player.values[2 * k] / 10;
+      const planned = share > 0 ? [[share, 250]] : isOn[side] ? [[0, 10]] : [];
+      const found = pulses[side].splice(0);
+      isOn[side] = share > 0;
+      result.compared += planned.length;
+      if (!isNear(found, planned)) result.wrong.push(`headset, ${side}: ${JSON.stringify(found)} instead of ${JSON.stringify(planned)}`);
+    });
+  });
+  const wait = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
+  await wait(1500);
+  if (frames < 10 || !(player.position > 0)) result.wrong.push(`the headset showed ${frames} frames`);
+  headset.updateVisibilityState("visible-blurred");
+  await wait(300);
+  const position = player.position;
+  await wait(300);
+  if (player.position !== position || player.values.some((value, k) => value !== player.clip.columns[k].neutral))
+    result.wrong.push("the player goes on while the headset shows something else");
+  headset.updateVisibilityState("visible");
+  await wait(500);
+  if (player.position === position) result.wrong.push("the player does not go on");
+  await session.end();
+  if (loop.session || player.values[0] !== 0) result.wrong.push("the end of the session is not silent");
   return result;
 }
 
