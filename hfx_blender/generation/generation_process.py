@@ -57,7 +57,7 @@ class GenerationProcess:
             self.fault = f"Generation {self._worker.how_it_ended()}"
 
     def cancel(self) -> None:
-        """Kill the process."""
+        """Kill the process and wait until it has ended."""
         self._worker.close(0.0)
 
 

@@ -197,7 +197,7 @@ class ReliefEstimation:
         return EstimatedRelief(HeightField(heights, texel, self.tiles), slope, roughness)
 
     def stop(self) -> None:
-        """End the process without a result."""
+        """Kill the process, wait until it has ended, and remove its files; no result remains."""
         self._worker.close(0.0)
         self._folder.cleanup()
 

@@ -75,7 +75,10 @@ def _names(name: str, display_name: str) -> str:
 
 
 def served_devices(devices: Mapping[str, Any]) -> list[ServedDevice]:
-    """Devices of a server's list, sorted by index; invalid entries are left out."""
+    """Devices of a server's list, sorted by index; invalid entries are left out.
+
+    Names are cut at 80 characters; labels of equal names end in the index.
+    """
     entries = []
     for facts in devices.values():
         with suppress(KeyError, TypeError, ValueError, OverflowError):

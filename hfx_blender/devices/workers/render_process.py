@@ -69,7 +69,10 @@ class RenderProcess:
             self._ask_next()
 
     def show(self, moment: bytes, questions: Questions) -> None:
-        """Set the newest moment and the requests of the playing devices."""
+        """Set the newest moment and the requests of the playing devices.
+
+        Replaces a moment not yet sent; sent at once if the worker is idle.
+        """
         with self._lock:
             self._moment = moment, questions
             self._ask_next()

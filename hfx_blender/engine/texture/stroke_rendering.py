@@ -156,9 +156,9 @@ _MAX_FACTOR: Final = 64
 def profile(field: HeightField, stroke: Stroke, rate_hz: float) -> F64:
     """Heights under the finger without waviness, from start to end of a stroke, metres.
 
-    Shape (floor(duration * rate) + 1,); silent at rest. Where a step would skip a texel, heights
-    are sampled at a multiple of the rate and low-passed before decimation, without loss or
-    aliasing.
+    Shape (floor(duration * rate) + 1,). Fades with speed below 2 mm/s, to silence at rest. Where a
+    step would skip a texel, heights are sampled at a multiple of the rate and low-passed before
+    decimation, without loss or aliasing; texels are skipped only beyond a multiple of _MAX_FACTOR.
     """
     surface = without_waviness(field)
     # Smallest whole factor of the rate without a step of more than a texel.

@@ -254,7 +254,10 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         return context.window_manager.invoke_props_dialog(self)  # type: ignore[no-any-return]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Estimate at once for a script, or start the modal estimation after the dialog."""
+        """Estimate at once for a script, or start the modal estimation after the dialog.
+
+        Reports an error of the start and returns CANCELLED.
+        """
         if not self._is_invoked or bpy.app.background:
             return super().execute(context)
         begun = self.reported(lambda: self.begin(context))

@@ -168,7 +168,8 @@ class Live:
             self.handlers.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Play a short, weak test pulse on an actuator, given by index."""
+        """Play a short, weak test pulse on an actuator, given by index; ignored without a
+        client."""
         if self.client is not None:
             self.client.pulse(name, actuator)
 

@@ -111,7 +111,10 @@ class TrackSource:
         return self.track is not None
 
     def open(self, context: bpy.types.Context) -> None:
-        """Open the selected track if it or the wearer changed; InputError if not readable."""
+        """Open the selected track if it or the wearer changed; InputError if not readable.
+
+        Closes the track opened before. The scene's first body wears the new one if recorded in it.
+        """
         from ...devices.live.track_playback import PlayedTrack
 
         scene = context.scene
