@@ -4,6 +4,7 @@ extends SceneTree
 ## tree, messages. godot --headless --script tests/avatar.gd -- FOLDER, of players/conformance/spatial.
 ## Ends with 1 if a check fails.
 
+const HapticVolumes := preload("res://addons/hfx/haptic_volumes.gd")
 const FAR := Vector3(100.0, 0.0, 0.0)
 const LEVEL := 0.7489338  # of "Volume 0" in the clip: 12 m/s^2 without contact response
 
@@ -33,6 +34,7 @@ func _run(folder: String) -> void:
 	await _check_volumes()
 	await _check_tree()
 	_check_bones()
+	_check_created()
 	_check_checksum()
 	print("%d checks, %d failed" % [_checks, _failed])
 	quit(1 if _failed > 0 else 0)
@@ -173,6 +175,48 @@ func _check_bones() -> void:
 	_is("no known bone", "known name" in body._get_configuration_warnings()[0], true)
 	_is("bones of the clip", bones.size(), 124)
 	_free([body, skeleton, strange])
+
+
+func _check_created() -> void:
+	var scene := Node3D.new()
+	root.add_child(scene)
+	scene.position = Vector3(1.0, 2.0, 3.0)
+	var door := Node3D.new()
+	door.name = "volume 3"
+	scene.add_child(door)
+	door.scale = Vector3.ONE * 2.0
+	var skeleton := Skeleton3D.new()
+	skeleton.name = "Bones"
+	skeleton.add_bone("Volume 5")
+	skeleton.set_bone_pose_position(0, Vector3.UP)
+	scene.add_child(skeleton)
+	var created := HapticVolumes.create(_clip, scene, skeleton)
+	_is("a volume for each effect", created.size(), 8)
+	for each in created:
+		each.parent.add_child(each.node)
+	_is("none twice", HapticVolumes.create(_clip, scene, skeleton).size(), 0)
+	_is("below the node of its name", created[3].node.get_parent(), door)
+	_is("on the bone of its name", created[5].node is BoneAttachment3D, true)
+	_is("below the scene", created[0].node.get_parent(), scene)
+	# Blender's (x, y, z) is (x, z, -y) here: rows 0, 2 and minus 1 of the last column of its matrix.
+	var at := 0
+	for k in _clip.get_effects().size():
+		at = _clip._at("EFCT", k) + 76
+		var place := Vector3(
+			_clip.bytes.decode_float(at + 12), _clip.bytes.decode_float(at + 44),
+			-_clip.bytes.decode_float(at + 28)
+		)
+		var node: Node3D = created[k].owned[-1]
+		_is("shape of %d" % k, node.shape, _clip.get_effects()[k].shape)
+		if k != 5:  # an attachment moves when the skeleton is next updated
+			_is("place of %d" % k, node.global_position.distance_to(place) < 1e-4, true)
+			# Its length along Blender's Z, here Y, is that of the third column of its matrix.
+			var z := Vector3(
+				_clip.bytes.decode_float(at + 8), _clip.bytes.decode_float(at + 24),
+				_clip.bytes.decode_float(at + 40)
+			)
+			_is("size of %d" % k, absf(node.global_basis.y.length() - z.length()) < 1e-4, true)
+	scene.free()
 
 
 func _check_checksum() -> void:
