@@ -8,11 +8,14 @@ import os
 import re
 import shutil
 import subprocess
+import tarfile
 from pathlib import Path
 
 import pytest
 from core_library import compiled
 from small_clip import write_small_clip
+
+from release import unity_package
 
 PLAYERS = Path(__file__).resolve().parents[2] / "players"
 
@@ -63,24 +66,72 @@ def add_extension(project: Path) -> None:
     known.write_text("res://addons/hfx/bin/hfx.gdextension\n")
 
 
-def test_every_file_of_the_unity_package_has_an_identity_of_its_own() -> None:
-    package = PLAYERS / "unity"
-    folders = ("Tests~", "Plugins")  # not shown in Unity; compiled here
-    shown = [
-        path
-        for path in package.rglob("*")
-        if not any(item in str(path.relative_to(package)) for item in folders)
-    ]
-    assets = {path for path in shown if path.suffix != ".meta"}
-    metas = {path.with_suffix("") for path in shown if path.suffix == ".meta"}
-    assert assets - {package / "Samples~"} == metas and len(metas) > 5
+def test_every_file_of_the_unity_package_has_an_identity_of_its_own(tmp_path: Path) -> None:
+    package = tmp_path / "unity"
+    shutil.copytree(PLAYERS / "unity", package, ignore=shutil.ignore_patterns("Plugins*"))
+    plugin = package / "Runtime" / "Plugins" / "linux.x86_64" / "libhfx_haptics.so"
+    plugin.parent.mkdir(parents=True)
+    plugin.write_bytes(b"library")
+    plugin.with_name(plugin.name + ".meta").write_text(f"guid: {32 * 'a'}\n")
+    tarball = unity_package.write_tarball(tmp_path, package)
+    assert tarball.name == "org.hfx.haptics-0.1.0.tgz"
+    assert unity_package.write_tarball(tmp_path / "again", package).read_bytes() == (
+        tarball.read_bytes()
+    )
+    with tarfile.open(tarball) as tar:
+        files = {
+            entry.name.removeprefix("package/"): tar.extractfile(entry).read().decode("latin-1")  # type: ignore[union-attr]
+            for entry in tar
+        }
+    # Folders whose names end in ~ are hidden from Unity; samples are copied out with their metas.
+    shown = {
+        name for name in files if not re.match(r"Documentation~|Samples~/[^/]+$|Tests~", name)
+    } - {"Samples~/Garage.meta"}
+    folders = {
+        str(parent) for name in shown for parent in Path(name).parents if str(parent) != "."
+    } - {"Samples~", "Samples~/Garage"}
+    assets = folders | {name for name in shown if not name.endswith(".meta")}
+    metas = {name.removesuffix(".meta") for name in shown if name.endswith(".meta")}
+    assert assets == metas and str(plugin.relative_to(package)) in assets
+    assert {"README.md", "CHANGELOG.md", "LICENSE.md", "Runtime/Plugins"} < assets
+    assert "Documentation~/index.md" in files and not any("Tests~" in name for name in files)
     guids = [
-        re.search(r"^guid: ([0-9a-f]{32})$", path.read_text(), re.MULTILINE)
-        for path in shown
-        if path.suffix == ".meta"
+        re.search(r"^guid: ([0-9a-f]{32})$", text, re.MULTILINE)
+        for name, text in files.items()
+        if name.endswith(".meta")
     ]
-    assert all(guids) and len({guid[1] for guid in guids if guid}) == len(metas)
+    assert all(guids) and len({guid[1] for guid in guids if guid}) == len(guids)
 
-    (sample,) = json.loads((package / "package.json").read_text())["samples"]
+    facts = json.loads(files["package.json"])
+    (sample,) = facts["samples"]
     clips = [PLAYERS / "godot" / "garage", package / sample["path"]]
     assert len({(folder / "garage.hfxclip").read_bytes() for folder in clips}) == 1
+    assert f"## {facts['version']}" in files["CHANGELOG.md"]
+
+
+def test_git_keeps_the_plugins_of_the_unity_package() -> None:
+    """A repository that holds the package installs from git only if its libraries are in it."""
+    folder = "players/unity/Runtime/Plugins"
+    names = [
+        "linux.x86_64/libhfx_haptics.so",
+        "windows.x86_64/hfx_haptics.dll",
+        "linux.x86_64.meta",
+    ]
+    paths = [f"{folder}/{name}" for name in names] + [f"{folder}.meta"]
+    done = subprocess.run(
+        ["git", "check-ignore", "--no-index", *paths],
+        cwd=PLAYERS.parent, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode > 1:
+        pytest.skip("this is no git repository")
+    assert done.stdout == ""
+
+
+def test_all_packages_have_one_version() -> None:
+    core = (PLAYERS / "core" / "hfx_player.h").read_text()
+    names = ("MAJOR", "MINOR", "PATCH")
+    numbers = [re.search(rf"#define HFX_PLAYER_VERSION_{name} (\d+)", core) for name in names]
+    version = ".".join(number[1] for number in numbers if number)
+    assert json.loads((PLAYERS / "unity" / "package.json").read_text())["version"] == version
+    assert f'version="{version}"' in (PLAYERS / "godot/addons/hfx/plugin.cfg").read_text()
+    assert f'version = "{version}"' in (PLAYERS / "examples/rust/Cargo.toml").read_text()

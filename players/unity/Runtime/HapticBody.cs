@@ -37,6 +37,7 @@ namespace Hfx.Haptics
 
         static readonly List<HapticBody> All = new List<HapticBody>();
         static readonly string[] NoBones = new string[0];
+        const int Named = 12; // bones in a message
 
         readonly List<Placed> placed = new List<Placed>(); // in the order of HapticVolume.All
         readonly Dictionary<string, float> triggers = new Dictionary<string, float>();
@@ -287,7 +288,11 @@ namespace Hfx.Haptics
             }
             missing = lost.ToArray();
             if (isAny && lost.Count > 0)
-                Debug.LogWarning("The haptic body lacks " + lost.Count + " bones, whose skin moves with their parents: " + string.Join(", ", missing) + ".", this);
+            {
+                string names = string.Join(", ", missing, 0, Math.Min(missing.Length, Named));
+                if (missing.Length > Named) names += " and " + (missing.Length - Named) + " more";
+                Debug.LogWarning("The avatar has no transform for these bones of the clip, whose skin moves with their parents: " + names + ".", this);
+            }
             return isAny;
         }
 

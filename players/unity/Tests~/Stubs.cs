@@ -5,7 +5,17 @@ using System.Collections.Generic;
 
 namespace UnityEngine
 {
-    public class Object { public string name = ""; }
+    public class Object
+    {
+        public string name = "";
+        public static T[] FindObjectsOfType<T>()
+        {
+            List<T> found = new List<T>();
+            foreach (GameObject each in GameObject.all)
+                foreach (Component component in each.components) if (component is T) found.Add((T)(object)component);
+            return found.ToArray();
+        }
+    }
     public class ScriptableObject : Object
     {
         public static T CreateInstance<T>() where T : ScriptableObject, new() { return new T(); }
@@ -13,6 +23,13 @@ namespace UnityEngine
     public enum PrimitiveType { Cube = 3 }
     public sealed class GameObject : Object
     {
+        public static readonly List<GameObject> all = new List<GameObject>();
+        public GameObject(string name = "")
+        {
+            this.name = name;
+            all.Add(this);
+        }
+        public static GameObject Find(string name) { return all.Find(each => each.name == name); }
         public readonly Transform transform = new Transform();
         public readonly List<Component> components = new List<Component>();
         public T AddComponent<T>() where T : Component, new()
@@ -43,7 +60,8 @@ namespace UnityEngine
     {
         public readonly List<Transform> all = new List<Transform>();
         public Matrix4x4 localToWorldMatrix = Matrix4x4.identity;
-        public Vector3 localPosition, localScale;
+        public Vector3 localPosition, localScale, position;
+        public Quaternion rotation;
         public void SetParent(Transform parent, bool worldPositionStays) { parent.all.Add(this); }
         public Matrix4x4 worldToLocalMatrix { get { return localToWorldMatrix.inverse; } }
     }
@@ -70,6 +88,13 @@ namespace UnityEngine
         public static Vector3 operator +(Vector3 a, Vector3 b) { return new Vector3(a.x + b.x, a.y + b.y, a.z + b.z); }
         public static Vector3 operator -(Vector3 a, Vector3 b) { return a + -b; }
     }
+    public struct Vector4
+    {
+        public float x, y, z, w;
+        public Vector4(float x, float y, float z, float w) { this.x = x; this.y = y; this.z = z; this.w = w; }
+        public static implicit operator Vector3(Vector4 of) { return new Vector3(of.x, of.y, of.z); }
+    }
+    public struct Quaternion { public Vector3 x, y, z; } // the axes that it turns x, y and z to
     public struct Matrix4x4 // mRC: row R, column C
     {
         public float m00, m01, m02, m03, m10, m11, m12, m13, m20, m21, m22, m23, m30, m31, m32, m33;
@@ -81,6 +106,25 @@ namespace UnityEngine
             double[,] one = a.Numbers(), other = b.Numbers(), found = new double[4, 4];
             for (int i = 0; i < 64; i++) found[i / 16, i / 4 % 4] += one[i / 16, i % 4] * other[i % 4, i / 4 % 4];
             return From(found);
+        }
+        public void SetRow(int row, Vector4 to)
+        {
+            double[,] n = Numbers();
+            n[row, 0] = to.x; n[row, 1] = to.y; n[row, 2] = to.z; n[row, 3] = to.w;
+            this = From(n);
+        }
+        public Vector4 GetColumn(int k)
+        {
+            double[,] n = Numbers();
+            return new Vector4((float)n[0, k], (float)n[1, k], (float)n[2, k], (float)n[3, k]);
+        }
+        public Vector3 lossyScale { get { return new Vector3(Length(0), Length(1), Length(2)); } }
+        public Quaternion rotation { get { return new Quaternion { x = Axis(0), y = Axis(1), z = Axis(2) }; } }
+        Vector3 Axis(int k) { return 1.0f / Length(k) * (Vector3)GetColumn(k); }
+        float Length(int k)
+        {
+            Vector3 of = GetColumn(k);
+            return (float)Math.Sqrt(of.x * of.x + of.y * of.y + of.z * of.z);
         }
         public static Matrix4x4 From(double[,] n)
         {
@@ -188,6 +232,23 @@ namespace UnityEngine.XR
         public void StopHaptics() { amplitude = 0.0f; }
     }
     public static class InputDevices { public static InputDevice GetDeviceAtXRNode(XRNode node) { return new InputDevice(); } }
+}
+
+namespace UnityEditor
+{
+    public sealed class MenuItem : Attribute { public MenuItem(string path) { } }
+    public sealed class MenuCommand { public UnityEngine.Object context; }
+    public static class Undo
+    {
+        public static int steps;
+        public static void SetCurrentGroupName(string name) { }
+        public static void RegisterCreatedObjectUndo(UnityEngine.Object of, string name) { steps++; }
+        public static T AddComponent<T>(UnityEngine.GameObject to) where T : UnityEngine.Component, new()
+        {
+            steps++;
+            return to.AddComponent<T>();
+        }
+    }
 }
 
 namespace UnityEditor.AssetImporters

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+using System.Collections.Generic;
+using UnityEditor;
+using UnityEngine;
+
+namespace Hfx.Haptics.Editor
+{
+    /// <summary>Creates a <see cref="HapticVolume"/> for each volume effect of a clip.</summary>
+    public static class VolumeCreation
+    {
+        const string Name = "Create Volumes from the Clip";
+
+        [MenuItem("CONTEXT/HapticBody/" + Name)]
+        static void Create(MenuCommand command)
+        {
+            HapticBody body = (HapticBody)command.context;
+            if (body.Clip == null) Debug.LogError("Choose a clip first.", body);
+            else Create(body.Clip);
+        }
+
+        [MenuItem("CONTEXT/HapticClipAsset/" + Name)]
+        static void CreateOfAsset(MenuCommand command) { Create(((HapticClipAsset)command.context).Clip); }
+
+        /// <summary>
+        /// Adds a volume to the object with the name of an effect, where there is one in the open scenes; it keeps its
+        /// place. Else makes an object with the place and size of the volume in Blender's scene. Effects that a
+        /// volume has already are left as they are. Returns the new volumes; one step of Undo takes them back.
+        /// </summary>
+        public static List<HapticVolume> Create(HapticClip clip)
+        {
+            List<HapticVolume> created = new List<HapticVolume>();
+            HashSet<string> present = new HashSet<string>();
+            foreach (HapticVolume volume in Object.FindObjectsOfType<HapticVolume>()) present.Add(volume.Effect);
+            Undo.SetCurrentGroupName(Name);
+            foreach (Effect effect in clip.Effects)
+            {
+                if (effect.IsPainted || !present.Add(effect.Name)) continue;
+                GameObject of = GameObject.Find(effect.Name);
+                if (of == null) of = Placed(effect);
+                HapticVolume volume = Undo.AddComponent<HapticVolume>(of);
+                volume.Effect = effect.Name;
+                volume.Shape = effect.Shape;
+                volume.HalfSegment = effect.HalfSegment;
+                created.Add(volume);
+            }
+            return created;
+        }
+
+        static GameObject Placed(Effect effect)
+        {
+            Matrix4x4 matrix = Matrix4x4.identity;
+            float[] rows = effect.Matrix;
+            for (int row = 0; row < 3; row++)
+                matrix.SetRow(row, new Vector4(rows[4 * row], rows[4 * row + 1], rows[4 * row + 2], rows[4 * row + 3]));
+            matrix = HapticBody.ToUnity * matrix * HapticBody.ToUnity.inverse;
+            GameObject created = new GameObject(effect.Name);
+            Undo.RegisterCreatedObjectUndo(created, Name);
+            created.transform.position = matrix.GetColumn(3);
+            created.transform.rotation = matrix.rotation;
+            created.transform.localScale = matrix.lossyScale;
+            return created;
+        }
+    }
+}
