@@ -82,6 +82,7 @@ DOMAINS = (("time", "Time", "Seconds since the scene's first frame"), *ABOUT_WHA
 
 
 def _redraw_volume(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
+    # On use: the modules load numpy, and Blender's start does not wait for it.
     from ..authoring import volumes
 
     volumes.refresh_display(self.id_data)
@@ -316,6 +317,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         name="Contact Response",
         description="Response of the volume to a touch: filters in order, from top to bottom",
         type=HfxResponseFilter,
+        # Without USE_INSERTION a library override could change filters, but add none.
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
     response_active: IntProperty(
@@ -390,6 +392,7 @@ _classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 
 def register() -> None:
+    # First the types that pointers of the classes below refer to.
     surface_properties.register()
     scenes.register()
     _classes()

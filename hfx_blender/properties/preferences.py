@@ -129,6 +129,7 @@ def register() -> None:
     user = preferences()
     if user is not None:
         user.apply_folders()
+        # Untouched colours need no palette, whose module would load numpy at Blender's start.
         if any(user.is_property_set(name) for name in (*MODALITIES, _COLD)):
             user.apply_colours()
 

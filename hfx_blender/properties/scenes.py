@@ -91,6 +91,7 @@ class HfxDeviceName(bpy.types.PropertyGroup):
     is_expanded: BoolProperty(
         name="Details",
         description="Show maker, placement and rendering scheme of the device",
+        # Not animatable: a switch of the panel takes no keyframes.
         options=set(),
     )
     scheme: EnumProperty(

@@ -114,6 +114,7 @@ class HFX_GGT_volume(_ViewportGizmos, bpy.types.GizmoGroup):
             arrow.draw_style = "BOX"
             arrow.color, arrow.alpha = colour, 0.7
             arrow.color_highlight, arrow.alpha_highlight = (1.0, 1.0, 1.0), 1.0
+            # The box stands at the boundary itself, without a shaft.
             arrow.length = 0.0
             if compat.GIZMOS_MAKE_UNDO_STEPS:
                 arrow.use_undo = True
@@ -130,6 +131,8 @@ class HFX_GGT_volume(_ViewportGizmos, bpy.types.GizmoGroup):
             arrow.hide = axis not in _AXES[effect.hfx.shape]
             arrow.matrix_basis = along(effect.matrix_world, axis)
 
+    # Blender calls refresh after changes, draw_prepare before each drawing, as animated effects
+    # need.
     refresh = draw_prepare
 
 
@@ -171,6 +174,7 @@ class HFX_GGT_spot(_ViewportGizmos, bpy.types.GizmoGroup):
         self.middle = self.gizmos.new("GIZMO_GT_move_3d")
         self.middle.draw_style = "RING_2D"
         self.middle.draw_options = {"FILL_SELECT", "ALIGN_VIEW"}
+        # Blender draws a gizmo of scale 1 with 75 pixels by default.
         self.middle.scale_basis = _MIDDLE_PIXELS / 75.0
         self.middle.target_set_operator("hfx.slide_spot").release_confirm = True
         self.ring = self.gizmos.new("GIZMO_GT_dial_3d")

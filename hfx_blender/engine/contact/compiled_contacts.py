@@ -140,6 +140,7 @@ def columns_of(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
     known, key = _COLUMNS.setdefault(table, {}), clusters.tobytes()
     if key in known:
         return known[key]
+    # A simple bound on memory: neighbouring blocks reach the same clusters again.
     if len(known) >= _MOST_COLUMNS:
         known.clear()
     count = len(table.cells)

@@ -67,6 +67,7 @@ def from_eulers(angles: F64, order: str) -> F64:
         single[..., i, i] = single[..., j, j] = cos
         single[..., i, j] = -sin
         single[..., j, i] = sin
+        # With column vectors, later turns multiply from the left.
         turned = single if turned is None else single @ turned
     assert turned is not None
     return turned
@@ -173,6 +174,7 @@ def _product(first: F64, second: F64) -> F64:
         product[row] = first[row, 0] * second[0]
         product[row] += first[row, 1] * second[1]
         product[row] += first[row, 2] * second[2]
+        # The last row of an affine matrix is (0, 0, 0, 1), and is not stored: its 1 adds the shift.
         product[row, 3] += first[row, 3]
     return product
 

@@ -55,6 +55,7 @@ class KeyedCurves:
         if last == 0:
             return np.repeat(self.values.T, len(frames), axis=0)
         clipped = np.clip(frames, self.frames[0], self.frames[-1])
+        # A frame just before a key belongs to the key, as in Blender.
         segment = np.searchsorted(self.frames - _KEY_WIDTH, clipped, side="right") - 1
         segment = np.clip(segment, 0, last - 1)
         start, end = self.frames[segment], self.frames[segment + 1]
@@ -113,6 +114,7 @@ def _parameter_at(x: F64, x1: F64, x2: F64, x3: F64) -> F64:
     a, b, c = 3 * x1, 3 * (x2 - 2 * x1), x3 - 3 * x2 + 3 * x1
     low = np.zeros(np.broadcast_shapes(x.shape, a.shape))
     high = np.ones_like(low)
+    # Exact for evenly spaced handles, so that few steps follow for typical keys.
     u = np.broadcast_to(x / x3, low.shape).copy()
     # Newton's method within a shrinking bracket; bisection where a step leaves the bracket.
     for _ in range(_STEPS):

@@ -63,6 +63,7 @@ class Motion:
 def largest_stretch(matrices: F64) -> F64:
     """Upper bound (n,) of the stretch of any direction by matrices (n, 3 or 4, 4)."""
     linear = matrices[:, :3, :3]
+    # The largest row sum bounds the largest eigenvalue (Gershgorin); its root bounds the stretch.
     gram = linear @ linear.transpose(0, 2, 1)
     return np.asarray(np.sqrt(np.abs(gram).sum(axis=2).max(axis=1)))
 

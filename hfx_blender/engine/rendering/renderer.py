@@ -367,6 +367,7 @@ class Renderer:
             # Samples are counted when they are felt, a latency after the row that was sent.
             changed = (self._values[:, part] != without[:, part]).any(axis=1)
             on = self._values[:, part.start] != self._neutral[part.start]
+            # A set: without latency both rows are the same.
             for rows in {0, min(self._late_rows(kind), len(without))}:
                 is_changed[rows:] |= changed[: len(changed) - rows]
                 is_on[rows:] |= on[: len(on) - rows]

@@ -128,6 +128,8 @@ class _Segments:
             up = (at["shoulder.L"] + at["shoulder.R"]) / 2 - hips
             left = at["hip.L"] - at["hip.R"] + at["shoulder.L"] - at["shoulder.R"]
             z = up / np.linalg.norm(up)
+            # Hips and shoulders may lean: the width is made orthogonal to the height
+            # (Gram-Schmidt).
             left = left - (left @ z) * z
             x = left / np.linalg.norm(left)
             return np.column_stack((x, np.cross(z, x), z)), hips, float(np.linalg.norm(up))
@@ -148,6 +150,7 @@ class _Segments:
         start, end = self._c["neck"], self._c["head"]
         new_start = apply(self._matrix("torso"), start)
         new_end = apply(self._matrix("head"), end)
+        # Mean scale of the head: the cube root of the factor of its volume.
         girth = float(np.cbrt(np.linalg.det(self._matrix("head")[:3, :3])))
         return self._stretched(self._turn("torso"), start, end, new_start, new_end, girth)
 

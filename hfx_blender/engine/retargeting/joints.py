@@ -197,6 +197,7 @@ def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> di
     turn = similarity(canonical_trunk, target_trunk)[:3, :3]
     if not np.linalg.det(turn) > 0.0:
         return straight
+    # Without the scale of the similarity a pure rotation is left.
     turn /= np.cbrt(np.linalg.det(turn))
     for side in "LR":
         leg = [f"{joint}.{side}" for joint in _LEG if f"{joint}.{side}" in joints]
@@ -341,6 +342,7 @@ class _Limb:
         weights of points (N, 3).
         """
         units = self.ways / self.lengths[:, None]
+        # A plane across the bisector separates the two bones of a bent limb.
         axis = units.sum(axis=0)
         length = float(np.linalg.norm(axis))
         if length < 0.5:  # folded: no plane separates the bones

@@ -69,6 +69,7 @@ class Section:
         set_of = np.cumsum(self.is_new) - 1
         offsets = np.concatenate(([0], np.cumsum(self.sizes)))
         numbers = self.steps // size
+        # -1 is no number of a part: both ends become edges, too.
         edges = np.flatnonzero(np.diff(numbers, prepend=-1, append=-1))
         for first, last in pairwise(edges.tolist()):
             rows = slice(first, last)
@@ -314,6 +315,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     starts, filled = starts[counts > 0], counts[counts > 0]
     ids -= np.repeat(ids[starts] - gaps[starts], filled)
     ascending = np.diff(ids) > 0
+    # From a set to the next, ids may fall.
     ascending[starts[1:] - 1] = True
     _require(bool(np.all(ascending)), "vertex ids do not ascend")
     _require(bool(np.all(ids < vertex_count)), "a vertex id is not in its model")
@@ -325,6 +327,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     groups = _group_starts(ids)
     # Number of each toggle among those of its vertex: even ones enter, odd ones leave.
     rank = np.arange(len(ids)) - np.repeat(groups, np.diff(groups, append=len(ids)))
+    # An interval lasts until the next toggle of the same vertex.
     until = np.full(len(ids), set_count)
     until[:-1][np.diff(ids) == 0] = sets[1:][np.diff(ids) == 0]
     enters = rank % 2 == 0
@@ -347,6 +350,7 @@ def _read_sets(cursor: Cursor, is_new: Bool, vertex_count: int) -> tuple[I64, I3
     by_set = np.argsort(owners.astype(np.uint16), kind="stable")
     vertices = np.repeat(ids[enters], lasts)[by_set].astype(np.int32)
     by_vertex = np.zeros(total, np.int64)
+    # The inverse permutation: the place among the sets of each entry, in the order by vertex.
     by_vertex[by_set] = np.arange(total)
     return np.bincount(owners, minlength=set_count), vertices, by_vertex
 

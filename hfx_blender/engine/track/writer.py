@@ -290,6 +290,7 @@ class _SectionBuilder:
             columns["vertices"].append(vertices)
             columns["weights"].append(weights)
         columns["is_new"].append(is_new)
+        # Copies, made by astype(): the caller may reuse its arrays.
         columns["steps"].append(run.indices[first:last].astype(np.int64))
         columns["levels"].append(run.levels[first:last].astype(np.float64))
         columns["parameters"].append(run.parameters[first:last].astype(np.float64))

@@ -211,6 +211,7 @@ class Live:
     def close(self) -> None:
         """Discard the description and the open track, remove handlers and timers; then stop all
         devices and end the output process, killed after about a second. May be called again."""
+        # Taken out first, so that a handler in between finds no client.
         client, self.client = self.client, None
         self.connected.clear()
         recorder.is_wanted_by_devices = False
@@ -261,6 +262,7 @@ class Live:
         """
         if self.client is None:
             return False
+        # First: a slow evaluation below must not delay the sign of life.
         self.client.heartbeat()
         self.slow_frames.sign()
         news = self.client.events()

@@ -122,6 +122,7 @@ class TimelineRecorder:
         self._stop()
         self._key = _key_of(scene)
         with self._working():
+            # All blocks at once; the generator's last value is the record.
             *_, timeline = record(scene, may_step=True, with_positions=evaluation.with_positions)
             self._done(timeline, "")
             # Stepping wrote animated values of other frames into effects: evaluate these now.

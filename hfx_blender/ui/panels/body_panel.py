@@ -180,6 +180,7 @@ def how_followed(body: bpy.types.Object) -> str:
     """Sentence: the body follows bones or the evaluated surface, and why; or the error's text."""
     from ...avatars import body_binding
 
+    # A drawing must not measure: that evaluates copies of the avatar.
     if body.hfx.follow != "SURFACE" and not body_binding.is_measured(body):
         return "The effect of modifiers and shape keys on the avatar is measured during playback"
     try:
