@@ -13,11 +13,11 @@ import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-MODULES = ("core", "clip", "player", "bones", "body", "outputs", "loop")  # in the order of imports
+MODULES = ("core", "clip", "player", "bones", "body", "surface", "outputs", "loop")  # as imported
 EXPORTS = """
 export {
-  GamepadHaptics, HapticBody, HapticClip, HapticError, HapticLoop, HapticPlayer, HapticVolume,
-  PhoneHaptics, XRHaptics, isDevice,
+  GamepadHaptics, HapticBody, HapticClip, HapticError, HapticLoop, HapticPlayer, HapticSurface,
+  HapticVolume, PhoneHaptics, XRHaptics, isDevice,
 };
 """
 LICENSE = "// SPDX-License-Identifier: MIT\n// Made by players/web/build.py of HFX for Blender.\n"

@@ -7,7 +7,9 @@
 HFX_API size_t hfx_clip_size(void);
 HFX_API size_t hfx_player_size(void);
 HFX_API size_t hfx_body_size(void);
+HFX_API size_t hfx_stroke_size(void);
 
 size_t hfx_clip_size(void) { return sizeof(hfx_clip); }
 size_t hfx_player_size(void) { return sizeof(hfx_player); }
 size_t hfx_body_size(void) { return sizeof(hfx_body); }
+size_t hfx_stroke_size(void) { return sizeof(hfx_stroke); }

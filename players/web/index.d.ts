@@ -86,6 +86,23 @@ export interface Effect {
   matrix: Float32Array;
 }
 
+export interface Surface {
+  name: string;
+  /** Of the map, which is as many texels wide and high. */
+  columns: number;
+  rows: number;
+  widthMm: number;
+  heightMm: number;
+  /** Whether the map repeats beyond its border. */
+  tiles: boolean;
+  /** Peak amplitude at intensity 0 and 1, m/s². */
+  lowestMS2: number;
+  highestMS2: number;
+  /** At sharpness 0 and 1. */
+  lowestHz: number;
+  highestHz: number;
+}
+
 /** An error of the clip or the core; `code` is an `hfx_error` of `hfx_player.h`. */
 export class HapticError extends Error {
   readonly code: number;
@@ -108,11 +125,12 @@ export class HapticClip {
   readonly namedClips: readonly NamedClip[];
   readonly bodies: readonly { name: string; bones: readonly ClipBone[] }[];
   readonly effects: readonly Effect[];
+  readonly surfaces: readonly Surface[];
   /** One number for each column: its value while nothing is felt. */
   neutralValues(): Float32Array;
 }
 
-/** Gives one value for each column of a clip, each frame. */
+/** Gives values each frame: one for each column of a clip, or of a surface amplitude and frequency. */
 export interface HapticSource {
   readonly clip: HapticClip;
   /** Values of the last frame, in the units of the columns; always the same array. */
@@ -210,6 +228,29 @@ export class HapticBody implements HapticSource {
   weights(number: number): Float32Array;
   /** Level of the last evaluation, the response to the touch included. */
   level(number: number): number;
+}
+
+/** A haptic surface of a clip, which vibrates under a finger or a pointer that moves over it. `values`: peak
+ * amplitude in m/s² and frequency in Hz. */
+export class HapticSurface implements HapticSource {
+  /** `name`: "" is the first surface of the clip. `fullMS2`: amplitude at which outputs play full strength, 12.75
+   * at first. `side`: which motor or controller plays it. */
+  constructor(clip: HapticClip, name?: string, options?: { fullMS2?: number; side?: Side });
+  readonly clip: HapticClip;
+  readonly surface: Surface;
+  readonly values: Float32Array;
+  /** Scales all amplitudes; 1 at first. */
+  gain: number;
+  /** Something touches the surface at shares of the map's width and height from its lower left corner, beyond 0 to
+   * 1, too. Speed relative to the material in mm/s; below 0: that of the path. Any number of times each frame. */
+  touch(u: number, v: number, speedMmS?: number): void;
+  /** Ends the touch, in silence. */
+  release(): void;
+  /** Follows the pointer that is pressed on an element, whose area shows the map `repeat` times. Returns a function
+   * that ends it. */
+  follow(element: HTMLElement, options?: { repeat?: [number, number] }): () => void;
+  advance(seconds: number): Float32Array;
+  silence(): Float32Array;
 }
 
 /** Sends values of sources; each vibration ends by itself after the device's dead-man time. */

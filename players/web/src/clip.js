@@ -148,6 +148,21 @@ export class HapticClip {
       parameters: of.floats(at + 40, 4),
       matrix: of.floats(at + 76, 12),
     }));
+    const maps = of.records("HMAP", 32, (at) => ({
+      columns: of.u32(at),
+      rows: of.u32(at + 4),
+      widthMm: of.f32(at + 8),
+      heightMm: of.f32(at + 12),
+      tiles: of.u32(at + 16) === 1,
+    }));
+    this.surfaces = of.records("SURF", 24, (at) => ({
+      name: of.text(at),
+      ...maps[of.u32(at + 4)],
+      lowestMS2: of.f32(at + 8),
+      highestMS2: of.f32(at + 12),
+      lowestHz: of.f32(at + 16),
+      highestHz: of.f32(at + 20),
+    }));
   }
 
   /** Sets `hasSkin` of the bones that move a vertex of the body's models. */

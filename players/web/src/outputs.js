@@ -2,14 +2,14 @@ const SILENCE_MS = 10; // length of a pulse without strength, which ends a runni
 const CYCLE_MS = 20; // of vibration patterns of phones
 const MOST_CYCLES = 49; // browsers take patterns of 99 numbers
 
-/** Base of outputs: the strongest vibration of sources (players and bodies) on a side. */
+/** Base of outputs: the strongest vibration of sources (players, bodies, surfaces) on a side. */
 class HapticOutput {
   #sources;
   #actuators; // for each source
 
   constructor(sources, { device = "" } = {}) {
     this.#sources = Array.isArray(sources) ? sources : [sources];
-    this.#actuators = this.#sources.map(({ clip }) => vibrationsOf(clip, device));
+    this.#actuators = this.#sources.map(({ clip, vibrations }) => vibrations ?? vibrationsOf(clip, device));
     this.pulse = { share: 0, milliseconds: 0 };
   }
 

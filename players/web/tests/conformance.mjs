@@ -11,7 +11,7 @@ const hfx = await import(pathToFileURL(resolve(script)));
 const names = readdirSync(folder).filter((name) => name.endsWith(".txt"));
 const result = await judgeAll(hfx, names, async (name) => readFileSync(join(folder, name)));
 const declarations = readFileSync(new URL("../index.d.ts", import.meta.url), "utf8");
-const types = await judgeTypes(hfx, declarations, readFileSync(join(folder, "spatial", "walk.hfxclip")));
+const types = await judgeTypes(hfx, declarations, readFileSync(join(folder, "spatial", "walk.hfxclip")), readFileSync(join(folder, "surfaces", "strokes.hfxclip")));
 result.wrong.push(...types.wrong, ...(types.compared > 60 ? [] : [`${types.compared} members only`]));
 console.log([...result.wrong.slice(0, 20), result.summary].join("\n"));
 process.exit(result.wrong.length ? 1 : 0);

@@ -263,14 +263,15 @@ export async function judgeAll(hfx, names, read, three = null) {
   const walks = [await judgeWalk(hfx, ...walk, false), await judgeWalk(hfx, ...walk, true)];
   if (three) walks.push(await judgeWalk(hfx, ...walk, true, three));
   const pulses = await judgePulses(hfx, await read("touch.hfxclip"), await text("touch.txt"));
+  const strokes = await judgeStrokes(hfx, await read("surfaces/strokes.hfxclip"), await text("surfaces/strokes.txt"));
   const rigs = await judgeNames(hfx, walk[0]);
-  const all = [...clips, behaviour, ...walks, pulses, rigs];
+  const all = [...clips, behaviour, ...walks, pulses, strokes, rigs];
   const wrong = all.flatMap((result) => result.wrong);
   if (all.some((result) => !result.compared)) wrong.push("something was not compared");
   const values = clips.reduce((sum, result) => sum + result.compared, 0);
   const summary =
     `${clips.length} clips, ${values} values, ${behaviour.compared} calls, ` +
-    `${walks.map((result) => result.compared).join(", ")} weights, ${pulses.compared} pulses, ${wrong.length} wrong`;
+    `${walks.map((result) => result.compared).join(", ")} weights, ${strokes.compared} touches, ${pulses.compared} pulses, ${wrong.length} wrong`;
   return { wrong, summary };
 }
 /**
@@ -333,6 +334,77 @@ export async function judgePulses(hfx, bytes, text) {
   return result;
 }
 
+/**
+ * Strokes over the surfaces of players/conformance/surfaces, then a pointer on an element: amplitudes within 1/255
+ * of the highest, frequencies within 1 Hz.
+ */
+export async function judgeStrokes(hfx, bytes, text) {
+  const clip = await hfx.HapticClip.from(bytes);
+  const result = { compared: 0, wrong: [] };
+  let surface = null;
+  for (const line of text.split("\n")) {
+    const [word, u, v, seconds, , amplitude, hertz] = line.split(" ");
+    if (word === "surface") surface = new hfx.HapticSurface(clip, clip.surfaces[Number(u)].name);
+    if (word !== "feel") continue;
+    surface.touch(Number(u), Number(v));
+    const [a, f] = surface.advance(Number(seconds));
+    result.compared += 1;
+    const isRight = Math.abs(a - Number(amplitude)) <= surface.surface.highestMS2 / 255 && (hertz === undefined || Math.abs(f - Number(hertz)) <= 1);
+    if (!isRight) result.wrong.push(`strokes, ${line}: ${a} ${f}`);
+  }
+
+  // The same stroke by a pointer on an element of 200 x 100 pixels, and by places.
+  const element = new EventTarget();
+  element.getBoundingClientRect = () => ({ left: 50, top: 20, width: 200, height: 100 });
+  const [pointed, touched] = [new hfx.HapticSurface(clip), new hfx.HapticSurface(clip)];
+  const end = pointed.follow(element, { repeat: [2, 1] });
+  const point = (name, clientX, clientY, pointerId = 1) =>
+    element.dispatchEvent(Object.assign(new Event(name), { clientX, clientY, pointerId, button: name === "pointermove" ? -1 : 0 }));
+  const expect = (amplitude, place) => {
+    result.compared += 1;
+    if (pointed.advance(0.01)[0] !== amplitude) result.wrong.push(`pointer, ${place}: ${pointed.values[0]} instead of ${amplitude}`);
+  };
+  const places = (...uv) => {
+    for (let k = 0; k < uv.length; k += 2) touched.touch(uv[k], uv[k + 1]);
+    return touched.advance(0.01)[0];
+  };
+  point("pointermove", 60, 30);
+  expect(0, "not pressed");
+  point("pointerdown", 100, 70);
+  expect(places(0.5, 0.5), "down");
+  point("pointermove", 200, 45);
+  point("pointermove", 250, 30, 2); // a second finger
+  point("pointermove", 210, 95);
+  expect(places(1.5, 0.75, 1.6, 0.25), "moved");
+  if (!(pointed.values[0] > 0)) result.wrong.push("the pointer feels nothing");
+  expect(places(), "holds for a moment");
+  for (let k = 0; k < 6; k++) pointed.advance(0.01);
+  expect(0, "rests");
+  point("pointermove", 251, 95);
+  point("pointermove", 150, 95);
+  expect(0, "has left the element");
+  point("pointerdown", 100, 70);
+  pointed.advance(0.01);
+  point("pointermove", 200, 45);
+  point("pointerup", 200, 45);
+  expect(0, "up");
+  end();
+  point("pointerdown", 100, 70);
+  pointed.advance(0.01);
+  point("pointermove", 200, 45);
+  expect(0, "ended");
+
+  // Outputs play a surface as a share of its full amplitude.
+  const strong = new hfx.HapticSurface(clip, "", { fullMS2: 2 * clip.surfaces[0].highestMS2, side: "left" });
+  strong.touch(0.5, 0.5);
+  strong.advance(0.01);
+  strong.touch(0.9, 0.8);
+  const share = strong.advance(0.01)[0] / strong.vibrations[0].highest;
+  const pulse = new hfx.XRHaptics({ inputSources: [] }, [strong]).strongest("left");
+  if (!(share > 0 && share <= 0.5) || Math.abs(pulse.share - share) > 1e-6 || pulse.milliseconds !== 100) result.wrong.push(`surface: ${share}, ${pulse.share}`);
+  return result;
+}
+
 /** Attaches skeletons with names of other rigs: exactly the bones that have no name there are missing. */
 export async function judgeNames(hfx, bytes) {
   const clip = await hfx.HapticClip.from(bytes);
@@ -366,14 +438,14 @@ export async function judgeNames(hfx, bytes) {
 }
 
 /** Compares index.d.ts with the package: its exports, and the members of its classes. */
-export async function judgeTypes(hfx, declarations, bytes) {
+export async function judgeTypes(hfx, declarations, bytes, surfaces) {
   const clip = await hfx.HapticClip.from(bytes);
   const body = new hfx.HapticBody(clip);
   const scene = new Skeleton(body);
   const sources = [new hfx.HapticPlayer(clip), body];
   const objects = [
     ...sources, clip, scene.volume(clip.effects[0].name), new hfx.HapticError("", -1), new hfx.GamepadHaptics(sources),
-    new hfx.PhoneHaptics(sources), new hfx.XRHaptics({ inputSources: [] }, sources),
+    new hfx.PhoneHaptics(sources), new hfx.HapticSurface(await hfx.HapticClip.from(surfaces)), new hfx.XRHaptics({ inputSources: [] }, sources),
   ];
   const result = { compared: 0, wrong: [] };
   const declared = [...declarations.matchAll(/^export (?:class|function) (\w+)/gm)].map((found) => found[1]).sort();
