@@ -63,6 +63,7 @@ def add_clip(
     track = _free_track(effect, floor(frame_start), frame_end)
     # The function accepts whole frames only; the exact frames are set below.
     strip = track.strips.new(name, floor(frame_start), action)
+    # The effect's own action is assigned again: the strip holds the new action.
     data.action = active_action
     strip.name = name  # Blender before 4.4 uses the action's name
     strip.action_frame_start, strip.action_frame_end = keys[0][0], keys[-1][0]

@@ -234,6 +234,7 @@ def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
 
     size = len(effects.model_of(effect))
     canvas.update_from_editmode()
+    # Vertex numbers identify skin only while the mesh has the model's vertices.
     if GROUP not in canvas.vertex_groups or len(canvas.data.vertices) != size:
         raise InputError(_edited_message(canvas, size))
     group = canvas.vertex_groups[GROUP].index
@@ -304,6 +305,7 @@ def add_saved(effect: bpy.types.Object, name: str) -> int:
         area = _read_saved()[name]
         source = load_model(area["model"])
         weights = np.zeros(len(source))
+        # A file may have been edited: NaN and values beyond 0 to 1 must not reach an effect.
         stored = np.asarray(area["weights"], np.float64)
         weights[np.asarray(area["vertices"], np.int64)] = np.clip(np.nan_to_num(stored), 0.0, 1.0)
     except (KeyError, TypeError, ValueError, IndexError, OverflowError):

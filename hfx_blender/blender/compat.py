@@ -91,6 +91,7 @@ def new_fcurve(
     """F-curve of a property in an action assigned to the datablock; created if missing."""
     if hasattr(action, "fcurve_ensure_for_datablock"):  # 4.4 and later
         return action.fcurve_ensure_for_datablock(owner, data_path, index=index)
+    # Before 4.4: new() fails where the F-curve exists.
     curve = action.fcurves.find(data_path, index=index)
     return curve or action.fcurves.new(data_path, index=index)
 
@@ -113,6 +114,7 @@ def set_keys(
     curve.keyframe_points.foreach_set("co", flat)
     for point in curve.keyframe_points:
         point.interpolation = interpolation
+    # Also sorts the keyframes and computes the handles.
     curve.update()
 
 

@@ -64,6 +64,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         )
     with console.reading(path):
         facts = readers[path.suffix](path)
+    # Names in files may contain control characters.
     console.say("\n".join(map(printable, _lines(facts, 0))), several_lines=True)
     console.result(facts)
     return 0

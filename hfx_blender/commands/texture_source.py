@@ -126,6 +126,7 @@ def read(options: argparse.Namespace) -> TextureSource:
     check_numbers(options)
     name, path = options.source, Path(options.source)
     if name in MATERIALS:
+        # Procedural materials need 16 texels; the option allows 8, for pictures.
         field, roughness = MATERIALS[name].make(max(options.resolution, 16), options.seed)
         return _built(name, field, roughness, (), options)
     if name.endswith(TEXTURE_MAP_SUFFIX):

@@ -121,6 +121,7 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
         for folder in dict.fromkeys(target.parent for target in targets) if is_durable else ():
             _sync_folder(folder)
     except BaseException:
+        # Backwards: the newest move is undone first.
         for file, target in reversed(moved):
             with suppress(OSError):
                 if target in earlier:
@@ -161,6 +162,7 @@ class WatchedFile(io.FileIO):
         try:
             return super().write(content)
         except OSError as error:
+            # Stored for atomic_file(): closing an archive hides this error behind a second error.
             self.fault = error
             raise
 

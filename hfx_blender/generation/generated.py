@@ -153,6 +153,7 @@ def read(path: Path) -> GeneratedFiles:
         if picture.name not in files:
             raise InputError(f"{path}: files: '{picture.name}' is missing.")
         refuse_no_file(picture)
+        # An edited picture would no longer fit the haptic map.
         if sha256_of(picture) != files[picture.name]:
             raise InputError(
                 f"{picture}: is not the picture that {path.name} names; its hash differs."

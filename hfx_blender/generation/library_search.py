@@ -37,6 +37,8 @@ def generate(
     range of touch.
     """
     meaning = read_words(words, negative)
+    # Shape and colour may come from different words: brushed steel has the finish of brushed and
+    # the colour of steel.
     shape, strongest = meaning.choose()
     material = procedural.material(shape.material)
     # A stated size replaces all words about size.

@@ -167,6 +167,7 @@ def generate(
     longest = max(rows, columns)
     size = size_m or (0.1 * columns / longest, 0.1 * rows / longest)
     surface = surface_of(srgb, size, depth_m=depth_m, tiles=tiles or prompt.is_tiling, way=way)
+    # Part of the name: a changed picture of the same name gives a new surface.
     digest = sha256_of(picture)
     notes = [surface.note]
     if not prompt.words:

@@ -87,6 +87,8 @@ def turned(values: F64, direction_deg: int) -> F64:
     if direction_deg != 45:
         return values
     count = len(values)
+    # Both diagonals of a tile close after N steps, so the turned tile repeats without
+    # interpolation.
     i, j = np.meshgrid(np.arange(count), np.arange(count))
     return np.asarray(values[(j - i) % count, (i + j) % count])
 

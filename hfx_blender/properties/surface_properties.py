@@ -218,6 +218,7 @@ def _store_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> No
 def _load_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> None:
     from ..devices.configurations import surface_calibration
 
+    # As an ID property: an assignment would call the update, which stores the value again.
     self["drive"] = surface_calibration.drive_per_m(self.device) / 1000.0
 
 

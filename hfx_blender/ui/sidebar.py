@@ -46,6 +46,7 @@ def draw_text(
     line at least; the icon precedes the first line."""
     # Background mode has no region and no interface scale.
     width = 0 if context.region is None else context.region.width
+    # About 7 pixels a letter, and 8 letters for margins and icon.
     letters = int(width / (7.0 * (context.preferences.system.ui_scale or 1.0))) - 8 - reserved
     draw_wrapped(layout.column(align=True), text, max(letters, 20), icon)
 

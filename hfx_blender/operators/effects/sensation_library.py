@@ -148,6 +148,7 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not self.filepath:
             folder = resources.user_effects()
+            # Without the folder the dialog still opens, elsewhere.
             with suppress(OSError):
                 folder.mkdir(parents=True, exist_ok=True)
             stem = context.object.name if context.object is not None else "effects"

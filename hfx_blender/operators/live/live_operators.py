@@ -121,6 +121,7 @@ class HFX_OT_live_remove(HfxOperator):
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def work(self, context: bpy.types.Context) -> str:
+        # First, as a device without a row in the panel could not be stopped there.
         live.disconnect(self.name)
         devices = context.scene.hfx.devices
         index = devices.find(self.name)

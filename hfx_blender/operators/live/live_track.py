@@ -49,6 +49,7 @@ class HFX_OT_record_track(StepwiseExport):
         settings = ExportSettings(("track",), record=record)
         # Stepping blocks Blender: devices stop now, instead of by a missing heartbeat.
         live.stop_all("a track is recorded")
+        # Closes the track of an earlier recording, whose folder is removed below.
         live.tracks.forget()
         while _recorded:
             shutil.rmtree(_recorded.pop(), ignore_errors=True)

@@ -57,6 +57,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
         effect = painted_effect(context)
         if not bpy.app.background and framing.viewport(context) is None:
             raise InputError("Painting needs a 3D viewport: go to a workspace that has one first.")
+        # First: an area beyond repair is refused before the view changes.
         canvas = painting.begin(context, effect)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")

@@ -135,6 +135,7 @@ class HFX_OT_draw_path(HfxOperator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        # A right click cancels before the first place, and finishes afterwards.
         if event.type == "ESC" or (event.type == "RIGHTMOUSE" and not len(self.stroke)):
             self._end(context)
             return {"CANCELLED"}

@@ -202,6 +202,7 @@ class HFX_OT_slide_spot(_HeldSpotOperator):
         if body is None:
             raise InputError("The point has no body; choose one first.")
         self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
+        # Dragging replaces the path for display: the former path stays here.
         self._own = paths.own_path(effect)
         self._before: dict[str, Any] = {
             "path": list(effect[paths.PATH]),
@@ -320,6 +321,7 @@ class HFX_OT_resize_spot(_HeldSpotOperator):
         self._unit = max(self._before, least)
         middle = self._window_place(context, spot_placing.place_of(effect))
         self._middle = self._at if middle is None else middle
+        # At least a pixel, as the radius is scaled by a ratio of distances.
         self._first = max((self._at - self._middle).length, 1.0)
         self.radius = self._before
 

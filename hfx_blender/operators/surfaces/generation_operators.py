@@ -122,6 +122,7 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
         except OSError as error:
             raise HfxError(f"The generation process cannot be started ({error}).") from error
         active = context.object
+        # By name: an undo while the process runs invalidates references.
         self._target = active.name if active is not None and active.type == "MESH" else ""
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

@@ -142,6 +142,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         from ...playback.stroke_pad import TARGETS_M_S
 
         pad = self._pad
+        # A new speed or renderer must not apply to the middle of a stroke.
         pad.cancel()
         if key in ("ONE", "TWO"):
             pad.target_m_s = TARGETS_M_S[key == "TWO"]

@@ -266,6 +266,7 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
     def begin(self, context: bpy.types.Context) -> None:
         """Start process and timer; the result is for the object that is active now."""
         self.estimation = self._started(context)
+        # By name: an undo while the process runs invalidates references.
         self._owner = context.object.name
         self.start_modal(context, _PAUSE_S)
         context.workspace.status_text_set("Estimating the relief. Esc: cancel")

@@ -98,6 +98,7 @@ def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
     def set_all(row: HfxEffectRow, value: bool) -> None:
         for effect in _effects_of_row(row):
             setattr(effect.hfx, name, value)
+        # Values set from Python cause no depsgraph update: the check tags the effects.
         preview.schedule_check()
         push_undo_soon()
 
