@@ -98,6 +98,7 @@ namespace Hfx.Haptics
             { "TEXT", 1 }, { "TIME", 24 }, { "DEVC", 32 }, { "ACTR", 88 }, { "COLM", 40 },
             { "ROWS", 4 }, { "VALU", 2 }, { "CLIP", 24 },
             { "BODY", 24 }, { "BONE", 72 }, { "MODL", 24 }, { "VERT", 24 }, { "WGHT", 4 }, { "EFCT", 128 },
+            { "SURF", 24 }, { "HMAP", 32 }, { "TEXL", 4 },
         };
 
         readonly byte[] bytes;
@@ -117,6 +118,7 @@ namespace Hfx.Haptics
         public NamedClip[] NamedClips { get; private set; }
         public Body[] Bodies { get; private set; }
         public Effect[] Effects { get; private set; }
+        public Surface[] Surfaces { get; private set; }
         internal byte[] Bytes { get { return bytes; } }
 
         /// <exception cref="FormatException">The bytes are no clip, damaged, or of a newer version.</exception>
@@ -186,6 +188,7 @@ namespace Hfx.Haptics
             NamedClips = Records("CLIP", ReadNamedClip);
             Bodies = Records("BODY", ReadBody);
             Effects = Records("EFCT", ReadEffect);
+            Surfaces = Records("SURF", ReadSurface);
         }
 
         T[] Records<T>(string name, Func<int, T> read)
@@ -304,6 +307,23 @@ namespace Hfx.Haptics
                 Shape = (VolumeShape)Index(at + 20, 4, "shape"), HalfSegment = F32(at + 24), Level = F32(at + 36), Matrix = matrix,
             };
         }
+
+        Surface ReadSurface(int at)
+        {
+            int map = parts["HMAP"].Offset + RecordSizes["HMAP"] * Index(at + 4, parts["HMAP"].Count, "map");
+            Surface found = new Surface
+            {
+                Name = Text(at), Columns = Index(map, 65536, "columns"), Rows = Index(map + 4, 65536, "rows"),
+                WidthMm = F32(map + 8), HeightMm = F32(map + 12), Tiles = U32(map + 16) == 1,
+                LowestAmplitude = F32(at + 8), HighestAmplitude = F32(at + 12), LowestHz = F32(at + 16), HighestHz = F32(at + 20),
+                Texels = parts["TEXL"].Offset + 4 * Index(map + 20, parts["TEXL"].Count, "texel"),
+            };
+            long texels = (long)found.Columns * found.Rows;
+            Demand(texels > 0 && U32(map + 20) + texels <= parts["TEXL"].Count, "a surface's texels are not there");
+            return found;
+        }
+
+        internal uint TexelAt(Surface surface, int number) { return (uint)U32(surface.Texels + 4 * number); }
 
         long RowAt(int index) { return U32(parts["ROWS"].Offset + 4 * index); }
 

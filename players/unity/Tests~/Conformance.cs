@@ -20,6 +20,7 @@ static class Conformance
         string[] paths = Directory.GetFiles(arguments[0], "*.hfxclip");
         foreach (string path in paths) Play(path);
         wrong += Behaviour.Play(Path.Combine(arguments[0], "behaviour"));
+        wrong += Surfaces.Play(Path.Combine(arguments[0], "surfaces"));
         int damaged = 0;
         foreach (string path in paths) damaged += Damage(path);
         foreach (string path in paths) Garbage(path);

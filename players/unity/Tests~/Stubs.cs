@@ -170,6 +170,7 @@ namespace UnityEngine
         public const float PI = (float)Math.PI;
         public static float Cos(float angle) { return (float)Math.Cos(angle); }
         public static float Abs(float value) { return Math.Abs(value); }
+        public static float Min(float one, float other) { return Math.Min(one, other); }
         public static float Max(float one, float other) { return Math.Max(one, other); }
         public static float Sin(float angle) { return (float)Math.Sin(angle); }
     }
