@@ -373,7 +373,8 @@ def _relief_key(obj: bpy.types.Object) -> str:
 
 
 def _layer_key(obj: bpy.types.Object) -> str:
-    """JSON text of relief key and layer settings, with the amplitude if in steps."""
+    """JSON text that changes with the layers of a map: relief key, layer settings, and the
+    effect's amplitude if its layers are rounded to noticeable steps (*Use Steps*)."""
     settings = obj.hfx.surface
     values = [_plain(getattr(settings, name)) for name in _LAYER_SETTINGS]
     # Steps are absolute accelerations, so that rounding depends on the full strength.

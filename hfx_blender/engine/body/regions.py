@@ -108,8 +108,8 @@ _FLAGS: Final[dict[str, Callable[[_Skin], Bool]]] = {
 
 
 def strongest_bones(model: PerceptualModel) -> I64:
-    """Index (V,) into the model's bone names of the bone with the largest weight; every vertex
-    needs one."""
+    """Index (V,) into the model's bone names of the bone with the largest weight. Every
+    vertex must have a weight; one without shortens the result."""
     weights = model.weights
     row = np.repeat(np.arange(len(model)), np.diff(weights.offsets))
     # Sorted by row, then weight: the last entry of a row is the largest.

@@ -73,8 +73,10 @@ class _Candidate:
 def without_props(
     avatar: Avatar, targets: Sequence[TargetAvatar], mapping: BoneMapping
 ) -> tuple[list[TargetAvatar], list[Prop]]:
-    """Copies of an avatar's meshes without the triangles of props, and the props. Unchanged,
-    without props, where joints are missing or not human."""
+    """Copies of an avatar's meshes without the triangles of props, and the props: pieces that
+    follow bones without a joint of the body, or one hand or forearm alone, and stick out of the
+    body. If joints are missing or not human, the meshes are returned unchanged with an empty
+    list."""
     union = joined(targets)
     candidates = _candidates(targets, union, mapping) if len(union.triangles) else []
     if not candidates:

@@ -72,8 +72,9 @@ class ContactRenderer:
         return drive, frequency
 
     def _collide(self, paths: ContactPaths, moving: I64, drive: F64, frequency: F64) -> None:
-        """Set drive and frequency of contacts ``moving``, in place, by the strongest texel. The
-        strongest texel on the path counts; at a seam, on both pieces."""
+        """Set drive and frequency of contacts ``moving``, in place: the intensity and sharpness of
+        the texel with the largest intensity on the contact's path. A path across a seam of the UV
+        map has two pieces; the texel is chosen among those of both."""
         map_ = self._texture.map
         assert map_ is not None
         starts, ends = paths.ends_m[0].take(moving, axis=1), paths.ends_m[3].take(moving, axis=1)

@@ -152,7 +152,7 @@ class TrackWriter:
     def copy(self, part: TrackReader) -> None:
         """Append a track with a later part of the same recording, as if its samples were recorded
         here. Raises InputError if the part is damaged, of another recording, or out of order, and
-        OutputError."""
+        OutputError if the file cannot be written."""
         size = part.samples_per_chunk
         if (
             to_json(part.header, {}) != to_json(self.header, {})
