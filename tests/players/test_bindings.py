@@ -24,7 +24,7 @@ def test_the_unity_package_plays_the_conformance_clips(tmp_path: Path) -> None:
     if shutil.which("mcs") is None or shutil.which("mono") is None:
         pytest.skip("Mono is not installed (mono-mcs, mono-runtime)")
     program = tmp_path / "conformance.exe"
-    folders = ("Runtime", "Editor", "Samples~/Garage", "Tests~")
+    folders = ("Runtime", "Editor", "Samples~/Garage", "Samples~/Board", "Tests~")
     sources = [path for folder in folders for path in (PLAYERS / "unity" / folder).glob("*.cs")]
     subprocess.run(["mcs", f"-out:{program}", *sources], check=True)
     core = '#include "../native/live_body.c"\n#include "../native/live_player.c"\n'
@@ -32,7 +32,7 @@ def test_the_unity_package_plays_the_conformance_clips(tmp_path: Path) -> None:
     folders = [PLAYERS / "conformance", PLAYERS / "conformance" / "spatial"]
     found_there = {**os.environ, "LD_LIBRARY_PATH": str(tmp_path)}
     start = ["mono", program, *folders, write_small_clip(tmp_path)]
-    subprocess.run(start, check=True, env=found_there)
+    subprocess.run(start, check=True, env=found_there, cwd=PLAYERS / "unity")
 
 
 def test_the_godot_addon_plays_the_conformance_clips(tmp_path: Path) -> None:
@@ -86,10 +86,10 @@ def test_every_file_of_the_unity_package_has_an_identity_of_its_own(tmp_path: Pa
     # Folders whose names end in ~ are hidden from Unity; samples are copied out with their metas.
     shown = {
         name for name in files if not re.match(r"Documentation~|Samples~/[^/]+$|Tests~", name)
-    } - {"Samples~/Garage.meta"}
+    } - {"Samples~/Garage.meta", "Samples~/Board.meta"}
     folders = {
         str(parent) for name in shown for parent in Path(name).parents if str(parent) != "."
-    } - {"Samples~", "Samples~/Garage"}
+    } - {"Samples~", "Samples~/Garage", "Samples~/Board"}
     assets = folders | {name for name in shown if not name.endswith(".meta")}
     metas = {name.removesuffix(".meta") for name in shown if name.endswith(".meta")}
     assert assets == metas and str(plugin.relative_to(package)) in assets
@@ -103,9 +103,9 @@ def test_every_file_of_the_unity_package_has_an_identity_of_its_own(tmp_path: Pa
     assert all(guids) and len({guid[1] for guid in guids if guid}) == len(guids)
 
     facts = json.loads(files["package.json"])
-    (sample,) = facts["samples"]
-    clips = [PLAYERS / "godot" / "garage", package / sample["path"]]
-    assert len({(folder / "garage.hfxclip").read_bytes() for folder in clips}) == 1
+    for sample, name in zip(facts["samples"], ("garage", "board"), strict=True):
+        clips = [PLAYERS / "godot" / name, package / sample["path"]]
+        assert len({(folder / f"{name}.hfxclip").read_bytes() for folder in clips}) == 1
     assert f"## {facts['version']}" in files["CHANGELOG.md"]
 
 

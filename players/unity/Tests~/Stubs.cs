@@ -20,7 +20,7 @@ namespace UnityEngine
     {
         public static T CreateInstance<T>() where T : ScriptableObject, new() { return new T(); }
     }
-    public enum PrimitiveType { Cube = 3 }
+    public enum PrimitiveType { Cube = 3, Quad = 5 }
     public sealed class GameObject : Object
     {
         public static readonly List<GameObject> all = new List<GameObject>();
@@ -39,6 +39,11 @@ namespace UnityEngine
             Call(made, "Awake");
             Call(made, "OnEnable");
             return made;
+        }
+        public T GetComponent<T>() where T : Component, new()
+        {
+            foreach (Component each in components) if (each is T) return (T)each;
+            return AddComponent<T>(); // as of a primitive
         }
         public static GameObject CreatePrimitive(PrimitiveType type) { return new GameObject(); }
         public static void Call(object on, string method, params object[] given)

@@ -29,6 +29,32 @@ namespace UnityEngine
     }
 }
 
+namespace UnityEngine
+{
+    public sealed class Material { public Color color; }
+    public sealed class Renderer : Component { public readonly Material material = new Material(); }
+    public sealed class Camera : Behaviour
+    {
+        public static readonly Camera main = new Camera();
+        public Ray ScreenPointToRay(Vector3 point) { return new Ray { place = point }; }
+    }
+    public static class Physics
+    {
+        public static Collider before; // all rays hit it
+        public static bool Raycast(Ray ray, out RaycastHit hit)
+        {
+            hit = new RaycastHit { textureCoord = ray.place, collider = before };
+            return before != null;
+        }
+    }
+    public static class Input
+    {
+        public static bool isPressed;
+        public static Vector3 mousePosition;
+        public static bool GetMouseButton(int button) { return isPressed; }
+    }
+}
+
 namespace UnityEngine.InputSystem
 {
     public sealed class Gamepad

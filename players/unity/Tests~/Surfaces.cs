@@ -2,6 +2,7 @@
 using System;
 using System.Globalization;
 using System.IO;
+using System.Reflection;
 using Hfx.Haptics;
 using UnityEngine;
 using UnityEngine.XR;
@@ -21,6 +22,7 @@ static class Surfaces
         asset.SetBytes(File.ReadAllBytes(Path.Combine(folder, "strokes.hfxclip")));
         Strokes(asset.Clip, File.ReadAllLines(Path.Combine(folder, "strokes.txt")));
         Touch(asset);
+        Sample();
         return wrong;
     }
 
@@ -92,6 +94,36 @@ static class Surfaces
         Check(grown < 1000, "the surface makes garbage: " + grown);
         GameObject.Call(surface, "OnDisable");
         Check(InputDevice.amplitude == 0.0f, "disabled, it is silent");
+    }
+
+    /// <summary>A drag over each square of the sample's board, with its clip where that lies beside the tests.</summary>
+    static void Sample()
+    {
+        const string Clip = "Samples~/Board/board.hfxclip";
+        if (!File.Exists(Clip)) return;
+        HapticClipAsset asset = ScriptableObject.CreateInstance<HapticClipAsset>();
+        asset.SetBytes(File.ReadAllBytes(Clip));
+        GameObject there = new GameObject("Board");
+        var board = there.AddComponent<Hfx.Haptics.Samples.Board>();
+        typeof(Hfx.Haptics.Samples.Board).GetField("clip", BindingFlags.Instance | BindingFlags.NonPublic).SetValue(board, asset);
+        GameObject.Call(board, "Start");
+        HapticSurface surface = there.GetComponent<HapticSurface>();
+        Check(asset.Clip.Surfaces.Length == 16, "16 squares");
+        foreach (Surface each in asset.Clip.Surfaces)
+        {
+            Physics.before = GameObject.Find(each.Name).GetComponent<Collider>();
+            UnityEngine.Input.isPressed = true;
+            for (int k = 0; k < 3; k++)
+            {
+                UnityEngine.Input.mousePosition = new Vector3(0.2f + 0.3f * k, 0.5f, 0.0f);
+                GameObject.Call(board, "Update");
+                GameObject.Call(surface, "LateUpdate");
+            }
+            Check(surface.Surface == each.Name && surface.Amplitude > 0.0f, each.Name + " is felt");
+        }
+        UnityEngine.Input.isPressed = false;
+        GameObject.Call(board, "Update");
+        Check(surface.Amplitude == 0.0f, "lifted, the board is silent");
     }
 
     static long Garbage(HapticSurface surface, Action frame)
