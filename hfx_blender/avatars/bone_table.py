@@ -134,6 +134,7 @@ def load(armature: bpy.types.Object, path: Path) -> list[str]:
             raise InputError(
                 f"{path}: {path.stat().st_size} bytes are too many for a bone mapping."
             )
+        # Text editors may have added a byte order mark.
         mapping = from_json(path.read_bytes().decode("utf-8-sig"))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from error

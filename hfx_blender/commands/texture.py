@@ -146,8 +146,8 @@ def _stroke(options: argparse.Namespace, console: Console) -> int:
             f"{options.source}: a map has no heights; --renderer {renderer.value} needs the "
             "picture, scan or material that it was made of."
         )
-    # A WAV needs audio rates; envelopes are computed from a coarser waveform.
     texture = SurfaceTexture(source.height, source.map, renderer, drive, source.map.device)
+    # A WAV needs audio rates; envelopes are computed from a coarser waveform.
     has_sound = any(path.suffix.lower() == ".wav" for path in options.output)
     rate = stroke_files.WAV_RATE_HZ if has_sound else 8000.0
     signal = render_stroke(

@@ -202,6 +202,7 @@ def _keep(surface: Generated, options: argparse.Namespace, console: Console) -> 
     if not options.no_blend:
         from ..processes import blender_session
 
+        # First, as the module imported below needs Blender.
         blender_session.start()
         from ..authoring.surfaces import generated_surfaces
 

@@ -74,6 +74,7 @@ def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELO
         values = [float(levels[a : max(b, a + 1)].max()) for a, b in pairs]
     keyed = animation_frames(scene, every.astype(np.float64)).tolist()
     last_row = len(values) - 1
+    # Inside a constant stretch keyframes are redundant.
     keys = [
         (frame, value)
         for k, (frame, value) in enumerate(zip(keyed, values, strict=True))
@@ -87,6 +88,7 @@ def bake(scene: bpy.types.Scene, effect: bpy.types.Object, target: str = "ENVELO
     for owner, path in owners:
         compat.set_keys(compat.own_fcurve(owner, path, "Response"), keys)
     if target == "INTENSITY":
+        # The keyframes contain the response, so it must not apply again.
         for response_filter in effect.hfx.response:
             response_filter.is_muted = True
     effect.update_tag()

@@ -178,6 +178,7 @@ def _runs(
                 first[name] = stop
         width = len(MODALITIES[streams[index].modality].parameters)
         parameters = arrays["parameters"][k : k + 1, :width]
+        # A run without focus has NaN.
         focus = arrays["focus"][k]
         runs.append(
             SampleRun(

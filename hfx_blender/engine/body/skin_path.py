@@ -97,6 +97,7 @@ class SkinPaths:
             if length > _SAME_PLACE_M:
                 count = max(int(np.ceil(length / STEP_M)), 1)
                 between = a + (b - a) * (np.arange(1, count + 1) / count)[:, None]
+                # The last point is a given place, and is stored as given.
                 if count > 1:
                     between[:-1] = self._skin.nearest(between[:-1]).place
                 path += list(between)

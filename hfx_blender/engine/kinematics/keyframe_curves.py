@@ -62,9 +62,9 @@ class KeyedCurves:
         length = np.where(end > start, end - start, 1.0)
         share = np.clip((clipped - start) / length, 0.0, 1.0)
         interpolation = self.interpolation[segment]
-        # The last key has no segment of its own: it is the end of the last segment.
         # Fraction of the way to the next key: 0 on constant segments.
         linear = np.where(interpolation == Interpolation.CONSTANT, 0.0, share)
+        # The last key has no segment of its own: it is the end of the last segment.
         linear = np.where(clipped >= self.frames[-1] - _KEY_WIDTH, 1.0, linear)[:, None]
         sampled = self._by_key[segment]
         sampled *= 1.0 - linear

@@ -131,6 +131,7 @@ class Cells:
     def _steps_within(self, squares: tuple[F64, F64, F64], distance: F64) -> I64:
         """Samples along each side (Q,) of Q quads, 1 to 256, so that skin is no farther than
         ``distance`` (Q,) metres from its sample. ``squares`` as in :meth:`_reach`."""
+        # An upper bound from the corners of the quad, refined at a quarter step of this result.
         most = np.ceil(self._reach(squares, np.inf) / distance - 1e-9)
         steps = np.ceil(self._reach(squares, most) / distance - 1e-9)
         return np.clip(steps, 1, _MOST).astype(np.int64)

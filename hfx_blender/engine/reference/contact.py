@@ -189,6 +189,7 @@ def _follow(
     _place(result, volume, row, cells[is_over], middle)
     result.weights[:] = np.maximum(result.weights, peaks)
     if result.details is not None:
+        # Only the earliest entry of each cell.
         order = np.lexsort((first, cells))
         order = order[np.flatnonzero(np.diff(cells[order], prepend=-1))]
         cells, entries = cells[order], along(path[..., order], first[order])

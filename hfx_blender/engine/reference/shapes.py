@@ -107,6 +107,7 @@ def nearest_on_triangles(corners: F64, points: F64) -> tuple[F64, F64]:
     for a, b, c in corners:
         normal = np.cross(b - a, c - a)
         squared = normal @ normal
+        # A degenerate triangle has no plane, only edges.
         if squared > 0.0:
             foot = points - np.outer(normal, normal @ (points - a[:, None])) / squared
             inside = np.ones(points.shape[1], np.bool_)

@@ -63,6 +63,7 @@ class ActuatorCells:
                 *(len(self.rows), gains),
             )
             return gains
+        # A block of samples at a time, for the cache.
         step = max(1, DENSE_ENTRIES // len(self.reached))
         for first in range(0, count, step):
             stop = min(first + step, count)

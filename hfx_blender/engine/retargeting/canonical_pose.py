@@ -237,6 +237,7 @@ class _Segments:
             ]
             before = [joint for joint in chain if int(joint[-3]) < phalanx]
             parent = before[-1] if before else f"hand.{side}"
+            # The parent's matrices come first: all cases below read them.
             if before:
                 self._finger(parent)
             else:

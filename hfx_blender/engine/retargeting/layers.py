@@ -125,6 +125,7 @@ def _pairs(
         way = centres[hit] - centres[row]
         height = np.einsum("ni,ni->n", way, normals[row])
         aside = np.linalg.norm(way - height[:, None] * normals[row], axis=1)
+        # Positive along the direction of search.
         height = np.sign(depth_m) * height
         # Layers of the same skin: close above each other, of similar normals and near regions.
         is_over = (height > 5e-4) & (height < _DEEPEST_M) & (aside < _ASIDE_M)
@@ -184,6 +185,7 @@ def _head_pieces(
     above = np.flatnonzero(~is_face & (way[:, 2] > _CHIN))
     if not (is_face.any() and len(above)):
         return face, head_triangles[:0]
+    # Distances of unit vectors: about the angles to the nearest direction of face skin.
     aside, _ = cKDTree(way[is_face]).query(way[above], workers=-1)
     return face, head_triangles[above[aside < _STEP]]
 

@@ -217,6 +217,7 @@ def judge(
     is_limb &= np.isin(model.side, (LEFT, RIGHT)) & is_there
     opposite = np.where(model.side == LEFT, "R", "L")
     ends = np.array([region.rpartition(".")[2] for region in REGIONS])
+    # Regions of the middle fit both sides.
     is_right_side = (ends[target_shares.argmax(axis=1)] != opposite)[is_limb]
     sides = float(is_right_side.mean()) if is_limb.any() else 1.0
     joints_mm = {joint: 1000.0 * distance for joint, distance in joints_m.items()}

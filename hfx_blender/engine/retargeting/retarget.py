@@ -263,12 +263,13 @@ def _same_mesh(avatar: Avatar, target: TargetAvatar) -> I64 | None:
     """Target vertex (V,) of each avatar vertex if the meshes have the same topology, else None.
     Tests the ids of the shipped avatar and of MakeHuman's base mesh: 95 % of the edges must
     exist."""
-    # Edges as single integers (smaller id times count plus larger id): set tests by numpy.
+    # Numbers in MakeHuman's base mesh are stored as runs.
     runs = avatar.provenance.get("source_vertices", [])
     base = np.concatenate(
         [np.arange(first, last + 1) for first, last in runs] or [np.zeros(0, int)]
     )
     count = len(target.vertices)
+    # Edges as single integers (smaller id times count plus larger id): set tests by numpy.
     target_sides = np.concatenate(
         [target.triangles[:, [0, 1]], target.triangles[:, [1, 2]], target.triangles[:, [2, 0]]]
     )

@@ -92,6 +92,7 @@ class SurfaceEffects:
                 f"surface '{effect.name}': its place is not a finite number; it is not felt there",
                 int(np.count_nonzero(~is_placed)),
             )
+            # A row after a missing place has no contacts to continue.
             follows = follows & np.concatenate([[True], is_placed[:-1]])
             rows, reported, follows = rows[is_placed], reported[is_placed], follows[is_placed]
         if not len(rows):

@@ -231,6 +231,7 @@ class ContactFollower:
             if len(vertices) > 1:
                 at = time[continued][:, None], self._mesh.triangles[triangle[was]]
                 material = np.einsum("nk,nkc->nc", weights[was], vertices[at])
+            # A slice copies less than indices, when all contacts after the carried ones continue.
             all_new = len(continued) == len(ids) - carried
             chosen = slice(carried, None) if all_new else continued
             way = moved[chosen] = places.place[chosen] - material

@@ -78,6 +78,7 @@ def render_stroke(
         raise InputError(
             f"Stroke: steps of {step:g} s at {waveform_rate_hz:g} Hz; expected more than 0."
         )
+    # The small share keeps the last step of a stroke of whole steps despite rounding.
     count = int(np.floor(stroke.duration_s / step * (1.0 + 1e-12)))
     if count < 1:
         raise InputError(

@@ -221,6 +221,7 @@ class MeshVolume:
         best = 0.0
         for _ in range(_CORE_ROUNDS):
             reach = float(np.sqrt(np.sum(half**2)))
+            # Depths below best - reach cannot lead to a deeper place, so these need not be exact.
             depths = self.tree.distances_beyond(
                 centres - self._middle[:, None], max(best - reach, 0.0), 0.5 * _CORE_TOLERANCE
             )

@@ -145,6 +145,7 @@ class InsideGrid:
         cover = np.bincount(starts, minlength=size) - np.bincount(ends, minlength=size)
         mixed = np.cumsum(cover).reshape(shape[0], -1) > 0
 
+        # Runs are numbered by their lowest voxels, column after column.
         begins = mixed.copy()
         begins[:, 1:] &= ~mixed[:, :-1]
         runs = np.cumsum(begins).reshape(begins.shape) - 1
@@ -179,6 +180,7 @@ class InsideGrid:
         near = (points >= self._low[:, None]) & (points <= self._high[:, None])
         candidates = np.flatnonzero(near[0] & near[1] & near[2])
         placed = self._to_cells(points.take(candidates, axis=1))
+        # Points on the upper bounds belong to the last cells.
         cells = np.minimum(placed.astype(np.int64), self._counts[:, None] - 1)
         codes = self.voxels[(cells[0] * self._counts[1] + cells[1]) * self._counts[2] + cells[2]]
         mixed = np.flatnonzero(codes >= 0)
@@ -191,6 +193,7 @@ class InsideGrid:
         """Inside test (n,) of points (3, n), in cells, in mixed voxels of ``runs`` (n,)."""
         starts = self.run_offsets[runs]
         counts = self.run_offsets[runs + 1] - starts
+        # Winding number above the run; triangles of the run above the point add theirs.
         winding = self._beyond[runs]
         # Bounds the memory, however many triangles meet in one column.
         parts = np.cumsum(counts) // PAIRS_AT_ONCE
@@ -237,6 +240,7 @@ def covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:
 
     edges = corners[:, 1:] - corners[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1])
+    # The plane of a steep triangle bounds no heights: there the clipped box decides alone.
     flat = np.abs(normals[:, 2]) > _STEEP * np.abs(normals).max(axis=1)
     tilt = -normals[:, :2] / np.where(flat, normals[:, 2], np.inf)[:, None]
     reach = np.where(flat, np.abs(tilt).sum(axis=1) * (0.5 + MARGIN) + MARGIN, np.inf)

@@ -82,6 +82,7 @@ def _defect(unit: Unit, error: Exception) -> Outcome:
 def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     """Execute a unit; raises HfxError for a scene that cannot be exported or written, and for a
     .blend whose results would have too long names."""
+    # The longest name of all results: the temporary file of the report.
     longest = f"{unit.stem}.report.json.tmp"
     if len(os.fsencode(longest)) > _LONGEST_NAME:
         raise InputError(
@@ -91,6 +92,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     blender_session.start()
     _open(unit)
 
+    # After the start of Blender: these modules import bpy.
     from ..recording import Recorded, why_in_one_go
     from ..report import describe
     from ..scene_export import SceneExport, ScenePart, scene_named
@@ -133,6 +135,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
         else:
             size = ceil(unit.part_frames * time.rate_hz / time.fps)
             cut = units.parts_of(size, time.sample_count)
+        # The batch makes a unit of each part, then a merge.
         if len(cut) > 1:
             reason = why_in_one_go(reader)
             if reason is None:

@@ -215,6 +215,7 @@ def _unfiltered(kinds: U8, lines: U8, unit: int) -> U8:
             left,
             np.where(to_up <= to_corner, up, corner),
         )
+        # Filters of PNG: 1 Sub, 2 Up, 3 Average, 4 Paeth.
         kind = kinds[i][:, None]
         added = np.select(
             [kind == 1, kind == 2, kind == 3, kind == 4],

@@ -262,6 +262,7 @@ def _add_waveform(
         played.reshape(-1, longest, played.shape[1])[row + skipped, :, channel] += values
         return
     at = (begin - starts[0])[:, None] + sample
+    # Rows of a fraction of samples differ by a sample: the surplus is left out.
     is_of_row = at < (starts[row + skipped + 1] - starts[0])[:, None]
     channels = np.broadcast_to(channel[:, None], at.shape)
     played[at[is_of_row], channels[is_of_row]] += values[is_of_row]

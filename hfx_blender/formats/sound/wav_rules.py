@@ -68,6 +68,7 @@ def inspect(content: bytes) -> tuple[WavForm | None, list[Finding]]:
             report.error("CHUNK", None, f"the chunk '{title}' is longer than the file")
             length = len(content) - at - 8
         chunks.setdefault(kind, (at + 8, length))
+        # Chunks begin at even bytes.
         at += 8 + length + length % 2
     for kind in (b"fmt ", b"data"):
         if kind not in chunks or (kind == b"fmt " and chunks[kind][1] < 16):

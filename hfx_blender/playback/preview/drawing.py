@@ -162,6 +162,7 @@ def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types
     for first in range(0, len(looks.radii), MOST_DISCS):
         part = slice(first, first + MOST_DISCS)
         corners, triangles = card_shaders.disc_geometry(len(looks.radii[part]))
+        # The fourth column is the number of the disc in its batch.
         which = corners[:, 3].astype(np.int64)
         full = np.column_stack([looks.colours[part], looks.radii[part]])
         batch = gpu.types.GPUBatch(

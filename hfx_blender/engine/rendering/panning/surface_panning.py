@@ -111,6 +111,7 @@ def surface_gains(model: PerceptualModel, anchors: I64, law: Law = "log") -> Sur
     actuator, with a crossfade between triangles that are about equally near.
     """
     points = model.vertices.astype(np.float64)
+    # Actuators at the same vertex share a cell.
     unique, first, place_of = np.unique(anchors, return_index=True, return_inverse=True)
     graph = edge_graph(model.vertices, model.triangles)
     # Geodesic Voronoi cells; triangles of skin that touch three cells join their actuators.
