@@ -35,6 +35,7 @@ func _run(folder: String) -> void:
 	await _check_tree()
 	_check_bones()
 	_check_created()
+	_check_following(folder)
 	_check_checksum()
 	print("%d checks, %d failed" % [_checks, _failed])
 	quit(1 if _failed > 0 else 0)
@@ -217,6 +218,51 @@ func _check_created() -> void:
 			)
 			_is("size of %d" % k, absf(node.global_basis.y.length() - z.length()) < 1e-4, true)
 	scene.free()
+
+
+## Ten rows of 0.1 s, row i of the left pad is i + 1; Strike is 0.2 to 0.5 s.
+func _check_following(folder: String) -> void:
+	var player := HapticPlayer.new()
+	var bytes := FileAccess.get_file_as_bytes(folder.path_join("../behaviour/behaviour.hfxclip"))
+	player.clip = HapticClip.from_bytes(bytes)
+	player.values_changed.connect(_take)
+	root.add_child(player)
+	player.speed = 0.5
+	player.play()
+	player._process(0.0)
+	player._process(0.4)
+	_near("at half the speed", _values[0], 3.0)
+	player.speed = 1.0
+	var library := AnimationLibrary.new()
+	for name in ["Walk", "Strike"]:
+		library.add_animation(name, Animation.new())
+		library.get_animation(name).length = 1.0 if name == "Walk" else 0.3
+	library.get_animation("Walk").loop_mode = Animation.LOOP_LINEAR
+	var animations := AnimationPlayer.new()
+	animations.callback_mode_process = AnimationMixer.ANIMATION_CALLBACK_MODE_PROCESS_MANUAL
+	animations.add_animation_library("", library)
+	root.add_child(animations)
+	player.follow = animations
+	player._process(0.1)
+	player.stop()
+	animations.play("Walk")
+	for step in [[0.35, 4.0], [0.1, 5.0], [0.5, 10.0], [0.2, 2.0]]:
+		animations.advance(step[0])
+		player._process(0.016)
+		_near("in step with the animation", _values[0], step[1])
+	_near("it has begun again", player.get_playback_position(), 0.15)
+	animations.seek(0.75, true)
+	player._process(0.016)
+	_near("after a jump", _values[0], 8.0)
+	animations.play("Strike")
+	animations.advance(0.1)
+	player._process(0.016)
+	_near("the named clip of the animation's name", _values[0], 4.0)
+	animations.stop()
+	player._process(0.016)
+	_near("stopped with it", _values[0], 0.0)
+	player.free()
+	animations.free()
 
 
 func _check_checksum() -> void:

@@ -18,6 +18,14 @@ const _SILENCE_S := 0.01
 	set(value):
 		_change(body, value)
 		body = value
+## Further players and bodies, say a second body of the same avatar with another clip.
+@export var sources: Array[HapticSource] = []:
+	set(value):
+		for source in sources:
+			_change(source, null)
+		sources = value
+		for source in sources:
+			_change(null, source)
 @export var left: XRController3D
 @export var right: XRController3D
 ## The haptic action of the project's OpenXR action map.
@@ -33,10 +41,10 @@ var _on := {"left": false, "right": false}
 
 
 func _change(before: HapticSource, after: HapticSource) -> void:
-	if before != null and before.values_changed.is_connected(_play):
+	if is_instance_valid(before) and before.values_changed.is_connected(_play):
 		before.values_changed.disconnect(_play)
 		_felt.erase(before)
-	if after != null:
+	if after != null and not after.values_changed.is_connected(_play):
 		after.values_changed.connect(_play.bind(after))
 
 

@@ -4,13 +4,13 @@ extends Node
 ## Sends the values of a device to HFX on this computer, which drives it with all its limits:
 ## [code]hfx play x.hfxclip --device NAME --listen 7010[/code]
 ##
-## The clip is the one that the sources play. Of several sources the strongest counts, for each
+## Sources may have several clips of the device. Of several sources the strongest counts, for each
 ## actuator. HFX silences the device where nothing comes for 250 ms, should the game hang.
 
 const _ADDRESS := "127.0.0.1"
 const _TOKEN_DIGITS := 32
 
-## Players and bodies of one clip.
+## Players and bodies.
 @export var sources: Array[HapticSource] = []:
 	set(value):
 		for source in sources:
@@ -46,11 +46,10 @@ func _send(values: PackedFloat32Array, source: HapticSource) -> void:
 		return
 	if not _socket.is_socket_connected():
 		_socket.connect_to_host(_ADDRESS, port)
-	for each in source.clip.get_devices():
-		if device != "" and each.id != device:
-			continue
-		_socket.put_packet(_datagram(each, source.clip))
-		return
+	for found in source.clip.get_devices():
+		if device == "" or found.id == device:
+			_socket.put_packet(_datagram(found, source.clip))
+			return
 
 
 func _has_token() -> bool:
@@ -73,20 +72,35 @@ func _datagram(found: Dictionary, clip: HapticClip) -> PackedByteArray:
 	packet.encode_u32(_head.size(), _number)
 	packet.encode_u8(_head.size() + 4, id.size())
 	packet.append_array(id)
-	var actuators := clip.get_actuators()
-	for k in range(found.first_actuator, mini(found.first_actuator + found.actuators, actuators.size())):
-		packet.append_array(_strongest(actuators[k], clip).to_byte_array())
+	for actuator in _actuators_of(clip, found.id):
+		packet.append_array(_strongest(actuator, clip, found.id).to_byte_array())
 	return packet
 
 
-func _strongest(actuator: Dictionary, clip: HapticClip) -> PackedFloat32Array:
-	var first: int = actuator.first_column
-	var neutral: float = clip.get_columns()[first].neutral
+static func _actuators_of(clip: HapticClip, id: String) -> Array[Dictionary]:
+	for found in clip.get_devices():
+		if found.id == id:
+			var first: int = found.first_actuator
+			return clip.get_actuators().slice(first, first + int(found.actuators))
+	return []
+
+
+## Values of an actuator, from the source that is farthest from neutral there.
+func _strongest(actuator: Dictionary, clip: HapticClip, id: String) -> PackedFloat32Array:
 	var farthest := -1.0
-	var found := PackedFloat32Array()
-	for values: PackedFloat32Array in _felt.values():
-		var away := absf(values[first] - neutral) if values.size() > first else -1.0
+	var values := PackedFloat32Array()
+	for source in _felt:
+		var same := actuator
+		if source.clip != clip:  # a clip that has the actuator elsewhere, if at all
+			same = {}
+			for other in _actuators_of(source.clip, id):
+				if other.id == actuator.id and other.columns == actuator.columns:
+					same = other
+		if same.is_empty():
+			continue
+		var first: int = same.first_column
+		var away := absf(_felt[source][first] - source.clip.get_columns()[first].neutral)
 		if away > farthest:
 			farthest = away
-			found = values.slice(first, first + int(actuator.columns))
-	return found
+			values = _felt[source].slice(first, first + int(same.columns))
+	return values

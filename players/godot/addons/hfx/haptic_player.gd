@@ -10,6 +10,7 @@ extends HapticSource
 ## The clip came to its end by itself.
 signal finished
 
+const _LONGEST_FRAME := 0.5  # seconds of an animation; what is longer is a jump
 const _EARLY := 1e-6  # of a row: times of frames are sums, and rounded
 
 ## Plays as soon as the node is in the scene.
@@ -23,8 +24,15 @@ const _EARLY := 1e-6  # of a row: times of frames are sums, and rounded
 ## Scales how far all strengths are from neutral.
 @export_range(0.0, 4.0, 0.01) var gain := 1.0
 
+## Speed of the clip's time; 0 stands still. The frequencies stay.
+@export_range(0.0, 4.0, 0.01, "or_greater") var speed := 1.0
+## Plays in step with this player's animation, wherever it plays, jumps or stops: with the named clip of
+## the animation's name, else with the whole clip.
+@export var follow: AnimationPlayer
+
 var _playing := false
 var _paused := false
+var _followed := ""  # animation; empty: none
 var _loops := false  # what plays now
 var _position := 0.0
 var _start := 0.0
@@ -33,16 +41,23 @@ var _shown_row := -1
 var _factors := {}
 
 
+func _init() -> void:
+	process_priority = 1  # when the animation has been advanced
+
+
 func _ready() -> void:
 	super()
-	if autoplay:
+	if autoplay and follow == null:
 		play()
 
 
 func _process(delta: float) -> void:
-	if not _playing or _paused or not _has_focus:
+	if _paused or not _has_focus:
 		return
-	values_changed.emit(advance(delta))
+	if is_instance_valid(follow):
+		_follow()
+	elif _playing:
+		values_changed.emit(advance(delta * _positive(speed)))
 
 
 ## Begins at the beginning, or with a named clip of the scene. Gain, factors and loop stay. A name that
@@ -143,6 +158,36 @@ func advance(seconds: float) -> PackedFloat32Array:
 			return clip.get_neutral_values()
 	_shown_row = now
 	return _strongest(spans)
+
+
+## Plays what is between the place of the animation in the last frame and now.
+func _follow() -> void:
+	var animation := follow.current_animation if follow.is_playing() else ""
+	if animation == "" or clip == null:
+		if _followed != "":
+			_followed = ""
+			stop()
+		return
+	var now := follow.current_animation_position
+	if animation != _followed:
+		_followed = animation
+		play(animation if clip.get_named_clips().has(animation) else "")
+		seek(_start + now)
+		values_changed.emit(advance(0.0))
+		return
+	var length := follow.current_animation_length
+	var passed := _start + now - _position
+	_loops = follow.get_animation(animation).loop_mode == Animation.LOOP_LINEAR
+	if _loops and passed < 0.0 and is_equal_approx(length, _end - _start):
+		passed += length  # it has begun again
+	if not _playing:
+		if passed >= 0.0:
+			return  # the clip is over before the animation is
+		_playing = true
+	if passed < 0.0 or passed > _LONGEST_FRAME:  # it has jumped
+		seek(_start + now)
+		passed = 0.0
+	values_changed.emit(advance(passed))
 
 
 ## What is not a number or below 0 counts as 0; products of what is not infinite stay numbers.
