@@ -211,7 +211,7 @@ HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices) {
   self->is_posed = count > 0;
 }
 
-/* As hfx_find_felt; a later search begins here. */
+/* Finds as hfx_find_felt; a later search begins here. */
 static inline hfx_felt *hfx_take_felt(hfx_body *self, uint32_t number) {
   hfx_felt *felt = hfx_find_felt(self, number);
   if (felt) self->recent = felt;

@@ -176,7 +176,7 @@ HFX_API void hfx_player_pause(hfx_player *player, int is_paused);
 HFX_API void hfx_player_stop(hfx_player *player);
 /* Jumps, seconds from the beginning of the clip; what lies between is not felt. */
 HFX_API void hfx_player_seek(hfx_player *player, double seconds);
-/* Whether the whole clip, and what plays now, begins again at its end. */
+/* Sets whether the whole clip, and what plays now, begins again at its end. */
 HFX_API void hfx_player_loop(hfx_player *player, int loops);
 /* Scales how far all strengths are from neutral; 1 as made. The column's limits hold. */
 HFX_API void hfx_player_gain(hfx_player *player, double gain);
