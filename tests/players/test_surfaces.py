@@ -205,7 +205,9 @@ def test_an_export_has_each_map_once_with_the_effects_amplitude(tmp_path: Path) 
             texture=replace(pad.area.texture, renderer=SurfaceRenderer.TEXTILE, height=height),
         ),
     )
-    scene, recorder = scene_of(pad, pad, textile)
+    scene, recorded = scene_of(pad, pad, textile)
+    recorder = SpatialRecorder(scene)
+    recorder.replace([recorded.arrays()])  # as an export in parts joins them
     model = load_model(pad.model_id)
     header = TrackHeader.of(scene, {model.id: model}, settings={}, tools={})
     result = write(header, [], tmp_path / "x", recorder)

@@ -119,15 +119,20 @@ func _sample() -> void:
 	surface.felt.connect(func(amplitude: float, _hz: float) -> void: _felt.append(amplitude))
 	var motion := InputEventMouseMotion.new()
 	motion.button_mask = MOUSE_BUTTON_MASK_LEFT
+	var sent := []
+	surface.values_changed.connect(func(values: PackedFloat32Array) -> void: sent.append(values))
+	var column := surface.clip.get_columns()[0]
 	var names := {}
 	for row in 4:
-		for column in 4:
+		for at in 4:
 			for share in [0.2, 0.5, 0.8]:
-				motion.position = 200.0 * Vector2(column + share, row + share)
+				motion.position = 200.0 * Vector2(at + share, row + share)
 				board._input(motion)
 				surface._process(FRAME_S)
-			_check(_felt[-1] > 0.0, "square %d %d is felt" % [row, column])
-			_check(surface.surface.ends_with("%d%d" % [row + 1, column + 1]), surface.surface)
+			_check(_felt[-1] > 0.0, "square %d %d is felt" % [row, at])
+			_check(surface.surface.ends_with("%d%d" % [row + 1, at + 1]), surface.surface)
+			var expected := minf(_felt[-1], column.highest)
+			_check(is_equal_approx(sent[-1][0], expected), "a device plays it: %s" % [sent[-1]])
 			names[surface.surface] = true
 	_check(names.size() == 16, "all squares")
 	board.queue_free()

@@ -254,7 +254,10 @@ func _play() -> void:
 	if controller != null and (share > 0.0 or _is_on):  # a pulse of nothing ends the one that runs
 		controller.trigger_haptic_pulse(action, _frequency_hz, share, _PULSE_S, 0.0)
 	if vibrates_phone and share > 0.0 and _phone_s <= 0.0:
-		Input.vibrate_handheld(_PHONE_PULSE_MS, share)
+		if Engine.get_version_info().hex >= 0x040300:  # before, phones have no amplitudes
+			Input.call(&"vibrate_handheld", _PHONE_PULSE_MS, share)
+		else:
+			Input.vibrate_handheld(_PHONE_PULSE_MS)
 		_phone_s = _PHONE_S
 	if clip != null and not clip.get_columns().is_empty():
 		values_changed.emit(_values(amplitude_m_s2))
