@@ -163,6 +163,7 @@ def _allowed(definition: bpy.types.Property) -> str:
         return "yes or no"
     low, high = definition.hard_min, definition.hard_max
     is_int = definition.type == "INT"
+    # Blender gives unlimited properties the limits of the number type.
     endless = 2**31 - 1 if is_int else _ENDLESS
     if low <= -endless and high >= endless:
         return "a whole number" if is_int else "a finite number"

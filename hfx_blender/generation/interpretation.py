@@ -222,6 +222,7 @@ class _TextReader:
         following = self._words[place + 1 : place + 3]
         if not following or following[0] not in _UNITS_M:
             return 1
+        # Many languages write decimals with a comma.
         metres = float(self._words[place].replace(",", ".")) * _UNITS_M[following[0]]
         shown = f"{self._words[place]} {following[0]}"
         if not _SIZES_M[0] <= metres <= _SIZES_M[1]:

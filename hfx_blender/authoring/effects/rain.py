@@ -122,6 +122,7 @@ def _add_clip(
         for delay, level in ((0.0, 0.0), (_RISE_S, 1.0), (_DROP_S - _FADE_S, 1.0), (_DROP_S, 0.0)):
             levels.append(((start + delay) * fps, level))
         positions += [(start * fps, share), ((start + _DROP_S) * fps, share)]
+    # Silence up to the end of the rain.
     if levels[-1][0] < duration_s * fps:
         levels.append((duration_s * fps, 0.0))
     clips.add_clip(

@@ -60,6 +60,7 @@ def may_touch(moments: Moments, grazes: Bool, contacts: Contacts) -> Bool:
     """Part of the mask ``grazes`` (n,): rows at which, or before which, the volume touches skin
     when enlarged by half of all motion and the bend. With mesh volumes ``grazes`` itself."""
     effect, chosen = moments.effect, np.flatnonzero(grazes)
+    # A scaled mesh is no mesh enlarged by a margin.
     if not len(chosen) or any(isinstance(shape, MeshVolume) for shape in effect.shapes):
         return grazes
     assert effect.matrices is not None

@@ -135,6 +135,7 @@ class Intervals:
         is_inside = (inside > _LEAST_SHARE) & (inside < 1.0 - _LEAST_SHARE)
         inside = np.sort(np.where(is_inside, inside, 1.0), axis=1)
         ends = np.broadcast_to([0.0, 1.0], (len(inside), 2))
+        # Cuts the padding common to all rows.
         inside = inside[:, : int(is_inside.sum(axis=1).max(initial=0))]
         return np.concatenate([ends[:, :1], inside, ends[:, 1:]], axis=1)
 

@@ -88,6 +88,7 @@ def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:
     if fast <= _SAME * slow:
         values = np.exp(-t / slow)
     elif slow - fast <= _SAME * slow:
+        # Limit of the difference below for equal times, where rounding would dominate.
         values = t / slow * np.exp(1.0 - t / slow)
     else:
         at = _peak_s(slow, fast)

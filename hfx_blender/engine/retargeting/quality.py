@@ -266,6 +266,7 @@ def uncertain_places_m(
         for side in ("",) if bone in heads else (".L", ".R"):
             if bone + side not in heads:
                 continue
+            # Offsets are for the left side.
             middle = heads[bone + side] + offset * np.array([-1.0 if side == ".R" else 1.0, 1, 1])
             # Mean error of the skin around the vertex nearest to the place.
             distances = np.linalg.norm(points - middle, axis=1)

@@ -94,6 +94,7 @@ class TargetSurface:
             normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
             distance = np.linalg.norm(at - points[point], axis=1)
             cosine = np.einsum("ni,ni->n", normal, normals[point])
+            # Excludes the far side of thin parts, and places out of reach.
             distance[(cosine < facing) | (distance > reach_m)] = np.inf
             # Best candidate per query, kept if nearer than the places in earlier regions.
             table = distance.reshape(len(queries), tries)

@@ -105,6 +105,7 @@ def faced_out(target: TargetAvatar) -> tuple[TargetAvatar, float]:
     inwards = _wound_inwards(oriented, areas)
     if areas[inwards].sum() > _TURNED * areas.sum():
         triangles = np.where(inwards[:, None], oriented.triangles[:, ::-1], oriented.triangles)
+        # Faces flipped twice are as before.
         return replace(target, triangles=triangles), float(
             areas[inwards != is_inside_out].sum() / areas.sum()
         )
@@ -123,6 +124,7 @@ def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
     edge = np.minimum(starts, ends) * len(target.vertices) + np.maximum(starts, ends)
     order = np.argsort(edge, kind="stable")
     first, uses = np.unique(edge[order], return_index=True, return_counts=True)[1:]
+    # Only edges of exactly two triangles link neighbours.
     first_use, second_use = (order[first[uses == 2] + k] for k in (0, 1))
     # Two nodes per triangle, original and flipped; edges link nodes of consistent winding, so each
     # component is a consistent orientation.
@@ -134,6 +136,7 @@ def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
     piece = labels.min(axis=0)
     is_turned = labels[0] != piece
     is_mixed = np.bincount(piece, is_turned) * np.bincount(piece, ~is_turned) > 0
+    # A piece with a negative volume points inwards.
     volumes = np.bincount(piece, _volumes(target, areas, piece) * np.where(is_turned, -1.0, 1.0))
     return np.asarray((is_turned ^ (volumes < 0.0)[piece]) & is_mixed[piece])
 

@@ -20,6 +20,7 @@ def similarity(source: F64, target: F64) -> F64:
     if not np.isfinite(target).all():
         return np.full((4, 4), np.nan)
     u, spread, v = np.linalg.svd((target - goal).T @ (source - centre))
+    # A rotation, never a reflection.
     sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))])
     scale = np.trace(np.diag(spread) @ sign) / np.sum((source - centre) ** 2)
     matrix = np.eye(4)

@@ -145,6 +145,7 @@ class SurfaceEffects:
             "tij,tj->ti", matrices[:, :3, :3], np.broadcast_to(centre, (len(rows), 3))
         )
         middle += matrices[:, :3, 3]
+        # A turned box spans its half size times the absolute matrix.
         reach = area.reach_m + np.einsum(
             "tij,tj->ti", np.abs(matrices[:, :3, :3]), np.broadcast_to(half, (len(rows), 3))
         )

@@ -126,6 +126,7 @@ class ContactRenderer:
         history[:, -1] = new
         if len(fresh) < len(new):
             history[:, :-1] = self._history.take(np.maximum(before, 0), axis=0)[:, 1:]
+        # A new contact starts with a constant history, without a step.
         if len(fresh):
             history[fresh] = new[fresh, None]
         self._history = history
@@ -187,6 +188,7 @@ def _on_the_way(
     shares = _shares(steps * factor)
     # Without a seam both pieces form a straight line from ends[0] to ends[3].
     places = np.multiply.outer(ends[3] - ends[0], shares)
+    # Places count from the centre of the first texel.
     places += (ends[0] - 0.5)[..., None]
     if len(seams):
         half = int(shares.searchsorted(0.5, "right"))

@@ -115,6 +115,7 @@ def blurred_slope(field: HeightField, blur_m: float) -> F32:
     # Sobel is separable: smoothing along one axis times the derivative along the second.
     for axis in (0, 1):
         factors = [along[k][int(k == axis)].astype(np.complex64) for k in (0, 1)]
+        # The second axis overwrites the spectrum, used for the last time.
         waves = np.multiply(spectrum, factors[0][:, None], out=spectrum if axis else None)
         waves *= factors[1]
         slope = fft.irfft2(waves, heights.shape, workers=_WORKERS, overwrite_x=True)

@@ -265,6 +265,7 @@ def _thread(draft: F64, own: F64, crossing: F64) -> F64:
     position = crossing - 0.5
     before = np.floor(position).astype(np.int64)
     share = position - before
+    # Smoothstep: level at both crossings.
     smooth = share * share * (3.0 - 2.0 * share)
     first = draft[before % crossed, thread]
     second = draft[(before + 1) % crossed, thread]

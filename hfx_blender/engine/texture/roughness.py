@@ -185,6 +185,7 @@ def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:
     heights = field.heights_m
     rows, columns = heights.shape
     if not field.tiles:
+        # Mirrored, so that the repeating surface of the transform has no step at its edges.
         heights = np.concatenate([heights, heights[::-1]])
         heights = np.concatenate([heights, heights[:, ::-1]], axis=1)
     across = np.fft.rfftfreq(heights.shape[1], field.texel_m[0])

@@ -77,6 +77,7 @@ def from_points(points_m: npt.ArrayLike, texel_m: float | None = None) -> Height
     texel = float(np.sqrt(np.prod(span) / len(points))) if texel_m is None else texel_m
     if not (np.isfinite(texel) and texel > 0.0):
         raise InputError(f"Scan: a texel of {1e3 * texel:g} mm; expected more than 0.")
+    # The small share avoids a further texel by rounding.
     columns, rows = (max(int(np.ceil(s / texel * (1.0 - 1e-9))), 1) for s in span)
     if rows * columns > MAX_TEXELS:
         raise InputError(

@@ -45,6 +45,7 @@ def merged(vertices: F64, triangles: npt.NDArray[np.integer[Any]]) -> tuple[F64,
     group = np.zeros(len(vertices), np.int64)
     group[order] = np.cumsum(new) - 1
     corners = group[corners]
+    # Merging may collapse triangles, and leave vertices unused.
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]
     used, corners = _used(corners, int(np.count_nonzero(new)))

@@ -239,6 +239,7 @@ def _quaternions(rotations: F64) -> F64:
     diagonal = (xx - yy - zz, yy - xx - zz, zz - xx - yy, xx + yy + zz)
     k[:, range(4), range(4)] = np.stack(diagonal, axis=1)
     _, vectors = np.linalg.eigh(k)
+    # Eigenvalues ascend, so the last vector has the largest.
     quaternions: F64 = vectors[:, :, -1]
     return quaternions * np.where(quaternions[:, 3:] < 0.0, -1.0, 1.0)
 

@@ -46,6 +46,7 @@ def write(values: Grey, path: Path) -> None:
     lines = np.zeros((rows, data.shape[1] + 1), np.uint8)
     lines[:, 0] = 2  # filter Up: differences of rows compress smooth maps well
     lines[0, 1:] = data[0]
+    # Wraps at 256, as the filter demands.
     np.subtract(data[1:], data[:-1], out=lines[1:, 1:])
     kind = 2 if is_coloured else 0
     header = struct.pack(">IIBBBBB", columns, rows, 16 if is_deep else 8, kind, 0, 0, 0)

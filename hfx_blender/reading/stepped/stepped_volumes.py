@@ -179,6 +179,7 @@ def _half_size(effect: bpy.types.Object) -> list[float] | None:
     if hfx.shape == "SPHERE":
         return [radius] * 3
     half = largest[1] / 2
+    # A capsule is as long as its diameter at least.
     return [radius, radius, half if hfx.shape == "CYLINDER" else max(half, radius)]
 
 

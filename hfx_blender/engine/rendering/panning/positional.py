@@ -94,6 +94,7 @@ def simplices_of(places: F64) -> I64:
         return np.zeros((1, 3), np.int64)
     centred = places - places.mean(axis=0)
     _, extents, axes = np.linalg.svd(centred, full_matrices=False)
+    # Places in line have no triangles: neighbours along the line are joined.
     if len(places) == 2 or extents[1] <= _FLATTEST * extents[0]:
         order = np.argsort(centred @ axes[0], kind="stable")
         return np.column_stack((order[:-1], order[1:], order[1:])).astype(np.int64)

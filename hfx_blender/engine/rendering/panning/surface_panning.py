@@ -234,6 +234,7 @@ class SkinNeighbours:
         straight_m = np.linalg.norm(self._centres[firsts] - self._centres[seconds], axis=1)
         joined = (straight_m <= MAX_SPAN_M) & (self._limb[firsts] == self._limb[seconds])
         doubtful = np.flatnonzero(joined & (straight_m > _SURELY_NEAR_M))
+        # One entry of the cache for both directions.
         pairs = [
             (min(a, b), max(a, b))
             for a, b in zip(firsts[doubtful].tolist(), seconds[doubtful].tolist(), strict=True)
