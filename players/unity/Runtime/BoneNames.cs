@@ -7,59 +7,91 @@ using UnityEngine;
 namespace Hfx.Haptics
 {
     /// <summary>
-    /// Finds the transforms of a clip's bones by names: those of the scene, VRM, Unity, Mixamo, Unreal, Rigify, VRoid,
-    /// Biped and Character Creator, with any namespace or shared prefix, separator, letter case and mark of the side;
-    /// then by the humanoid avatar.
+    /// Finds the transforms of a clip's bones by names. An avatar of the clip's own rig is matched name by name, any
+    /// other by the human bones that its names stand for: VRM, Unity, Mixamo (any prefix and separator), Unreal,
+    /// Rigify (DEF-), Biped, VRoid, Character Creator, SMPL and plain left and right names; then by the humanoid avatar.
     /// </summary>
     public static class BoneNames
     {
+        /// <summary>Share of a clip's bones above which an avatar counts as the clip's own rig.</summary>
+        const double OwnRig = 0.6;
         static readonly Regex Prefix = new Regex(
-            @"^(mixamorig\d*|j_bip|(valvebiped\.)?bip\d*|cc_base|def)(?=[\s_\-.:A-Z])", RegexOptions.IgnoreCase);
-        static readonly Regex Words = new Regex(@"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+");
-        /// <summary>Share of the transforms with the same first word above which that word is a prefix.</summary>
-        const double Shared = 0.6;
-
-        /// <summary>Further names of VRM's joints, without side.</summary>
-        static readonly Dictionary<string, string[]> Others = new Dictionary<string, string[]>
+            @"^(mixamorig\d*|j_bip|(?:valvebiped[._])?bip\d*|cc_base|def)(?=[\s_\-.:]|(?-i:[A-Z]))", RegexOptions.IgnoreCase);
+        static readonly Regex Tokens = new Regex(@"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+");
+        static readonly Dictionary<string, string> Fallbacks = new Dictionary<string, string>
         {
-            { "hips", new[] { "hip", "pelvis" } }, { "spine", new[] { "waist" } }, { "chest", new[] { "spine1" } },
-            { "upperchest", new[] { "spine2" } }, { "shoulder", new[] { "clavicle", "collar" } },
-            { "upperarm", new[] { "arm" } }, { "lowerarm", new[] { "forearm" } }, { "hand", new[] { "wrist" } },
-            { "upperleg", new[] { "thigh" } }, { "lowerleg", new[] { "calf", "shin" } }, { "foot", new[] { "ankle" } },
-            { "toes", new[] { "toe", "toebase", "toe0", "ball" } },
+            { "upperChest", "chest" }, { "chest", "spine" }, { "jaw", "head" }, { "leftEye", "head" }, { "rightEye", "head" },
+        };
+        static readonly Dictionary<string, string> Centre = BySpelling(new[]
+        {
+            "hips: hips hip pelvis",
+            "spine: spine chest upperchest lowerchest chestupper chestlower abdomen abdomenupper abdomenlower torso waist upperspine lowerspine back",
+            "neck: neck necklower neckupper necktwist lowerneck upperneck", "head: head", "jaw: jaw lowerjaw",
+        });
+        static readonly Dictionary<string, string> Sided = BySpelling(new[]
+        {
+            "Collar: clavicle clav collar collarbone", "Shoulder: shoulder shldr",
+            "UpperArm: upperarm uparm uarm armupper shldrbend upperarmbend shoulderbend armstretch humerus", "Arm: arm",
+            "LowerArm: lowerarm loarm lowarm larm forearm armlower forearmbend forearmstretch elbow", "Hand: hand wrist",
+            "UpperLeg: upperleg upleg uleg thigh legupper thighbend thighstretch femur", "Leg: leg", "Hip: hip hips",
+            "LowerLeg: lowerleg loleg lowleg lleg leglower shin calf knee legstretch", "Foot: foot ankle",
+            "Toes: toe toes toebase ball", "Eye: eye",
+        });
+        /// <summary>Names of a human bone in the order in which they count.</summary>
+        static readonly string[] Limbs =
+        {
+            "Shoulder: Collar Shoulder", "UpperArm: UpperArm Arm", "LowerArm: LowerArm", "Hand: Hand", "UpperLeg: UpperLeg",
+            "LowerLeg: LowerLeg Leg", "Foot: Foot", "Toes: Toes", "Eye: Eye",
+        };
+        static readonly string[] Digits = { "Thumb", "Index", "Middle", "Ring", "Little" };
+        static readonly string[] Fingers = { "Proximal", "Intermediate", "Distal" }, Thumb = { "Metacarpal", "Proximal", "Distal" };
+        static readonly Dictionary<string, int> DigitWords = new Dictionary<string, int>
+        {
+            { "thumb", 0 }, { "index", 1 }, { "pointer", 1 }, { "middle", 2 }, { "mid", 2 }, { "ring", 3 }, { "pinky", 4 }, { "little", 4 },
+        };
+        static readonly Dictionary<string, int> Phalanges = new Dictionary<string, int>
+        {
+            { "metacarpal", 0 }, { "proximal", 1 }, { "intermediate", 2 }, { "medial", 2 }, { "distal", 3 },
+        };
+        static readonly HashSet<string> Fillers = new HashSet<string> { "bone", "bn", "joint", "jnt", "j", "b", "bind", "skin", "rig" };
+        static readonly Dictionary<string, string> Sides = new Dictionary<string, string>
+        {
+            { "l", "left" }, { "left", "left" }, { "r", "right" }, { "right", "right" },
         };
 
-        /// <summary>VRM's joints on Rigify's chain DEF-spine, DEF-spine.001, ..., which begins at the hips.</summary>
-        static readonly Dictionary<string, string> RigifySpine = new Dictionary<string, string>
+        struct Candidate
         {
-            { "hips", "spine" }, { "spine", "spine001" }, { "chest", "spine002" }, { "upperchest", "spine003" },
-            { "neck", "spine004" }, { "head", "spine006" },
-        };
+            public int Numbers, Depth, Index; // of the name; below the root; among the transforms
+            public Transform Transform;
+        }
 
-        /// <summary>The transform of each bone, null where none has a known name.</summary>
+        /// <summary>The transform of each bone, null where there is none.</summary>
+        /// <param name="transforms">Parents before children.</param>
         /// <param name="animator">Of a humanoid avatar, for bones without a known name; may be null.</param>
         public static Transform[] Find(Bone[] bones, Transform[] transforms, Animator animator)
         {
-            Dictionary<string, Transform> byKey = ByKey(transforms);
-            bool isRigify = byKey.ContainsKey("spine001") && !byKey.ContainsKey("hips") && !byKey.ContainsKey("pelvis");
-            List<string[][]> namings = new List<string[][]>();
-            foreach (Func<Bone, string[]> naming in new Func<Bone, string[]>[] { OfScene, OfHuman, OfMixamo, OfUnreal })
-                namings.Add(Array.ConvertAll(bones, bone => naming(bone)));
-            // A "root" can be the hips of one naming and the floor of another: the naming that fits most bones goes first.
-            int[] fits = namings.ConvertAll(naming => Fitting(naming, byKey)).ToArray();
-            string[][][] order = namings.ToArray();
-            Array.Sort(Array.ConvertAll(fits, (fit) => -fit), order);
-            namings = new List<string[][]>(order) { Array.ConvertAll(bones, bone => OfOthers(bone)) };
-            if (isRigify) namings.Insert(0, Array.ConvertAll(bones, bone => OfRigify(bone)));
+            Dictionary<string, Transform> byName = new Dictionary<string, Transform>();
+            foreach (Transform each in transforms)
+                if (!byName.ContainsKey(Plain(each.name))) byName.Add(Plain(each.name), each);
+            Dictionary<string, Transform> byHuman = HumanBones(transforms);
+            int named = 0;
+            foreach (Bone bone in bones) named += byName.ContainsKey(Plain(bone.Name)) ? 1 : 0;
+            bool isOwn = named > OwnRig * bones.Length;
             Transform[] found = new Transform[bones.Length];
             for (int k = 0; k < bones.Length; k++)
             {
-                foreach (string[][] naming in namings)
-                    foreach (string key in naming[k])
-                        if (found[k] == null && key.Length > 0) byKey.TryGetValue(key, out found[k]);
-                HumanBodyBones human;
-                if (found[k] == null && animator != null && animator.isHuman && TryHuman(bones[k].Human, out human))
-                    found[k] = animator.GetBoneTransform(human);
+                Transform own;
+                byName.TryGetValue(Plain(bones[k].Name), out own);
+                HumanBodyBones body;
+                string human = bones[k].Human.Length == 0 || (isOwn && own != null) ? null : bones[k].Human;
+                while (found[k] == null && human != null)
+                {
+                    byHuman.TryGetValue(human, out found[k]);
+                    if (found[k] == null && animator != null && animator.isHuman && TryHuman(human, out body))
+                        found[k] = animator.GetBoneTransform(body);
+                    Fallbacks.TryGetValue(human, out human);
+                }
+                if (found[k] == null) found[k] = own;
             }
             return found;
         }
@@ -77,96 +109,177 @@ namespace Hfx.Haptics
             return true;
         }
 
-        /// <summary>
-        /// Lower-case words and numbers of a name without namespace, known prefix and separators, behind "l " or "r "
-        /// for a side: "l upperarm" of "DEF-upper_arm.L" and "LeftUpperArm".
-        /// </summary>
-        public static string Key(string name) { return Joined(WordsOf(name), 0); }
-
-        static string[] OfScene(Bone bone) { return new[] { Key(bone.Name) }; }
-
-        static string[] OfHuman(Bone bone) { return new[] { Key(bone.Human) }; }
-
-        static string[] OfMixamo(Bone bone) { return new[] { Key(bone.Mixamo) }; }
-
-        static string[] OfUnreal(Bone bone) { return new[] { Key(bone.Unreal) }; }
-
-        static string[] OfRigify(Bone bone)
+        /// <summary>VRM's human bones (leftUpperArm) that the names of transforms stand for.</summary>
+        public static Dictionary<string, Transform> HumanBones(Transform[] transforms)
         {
-            string key;
-            return RigifySpine.TryGetValue(Key(bone.Human), out key) ? new[] { key } : new string[0];
-        }
-
-        /// <summary>Further names of the joint; of fingers Mixamo's without "Hand", and Rigify's with an F.</summary>
-        static string[] OfOthers(Bone bone)
-        {
-            string human = Key(bone.Human), side = human.Length > 1 && human[1] == ' ' ? human.Substring(0, 2) : "";
-            string[] others;
-            if (Others.TryGetValue(human.Substring(side.Length), out others))
-                return Array.ConvertAll(others, other => side + other);
-            if (side.Length == 0) return new string[0];
-            return new[] { Key(bone.Mixamo).Replace("hand", ""), side + "f" + Key(bone.Unreal).Substring(side.Length) };
-        }
-
-        /// <summary>First transform of each key; of a rig with Blender's deforming bones (DEF-) only these.</summary>
-        static Dictionary<string, Transform> ByKey(Transform[] transforms)
-        {
-            Dictionary<string, Transform> byKey = new Dictionary<string, Transform>();
-            Dictionary<string, int> counts = new Dictionary<string, int>();
-            List<string>[] words = new List<string>[transforms.Length];
-            bool isDeforming = Array.Exists(transforms, each => IsDeforming(each.name));
-            int most = 3;
-            string prefix = null;
+            Dictionary<string, List<Candidate>> candidates = new Dictionary<string, List<Candidate>>();
             for (int k = 0; k < transforms.Length; k++)
             {
-                words[k] = WordsOf(transforms[k].name);
-                if (words[k].Count < 2) continue;
-                int count;
-                counts.TryGetValue(words[k][0], out count);
-                counts[words[k][0]] = ++count;
-                if (count <= most) continue;
-                most = count;
-                prefix = words[k][0];
+                int numbers, depth = 0;
+                string slot = Slot(transforms[k].name, out numbers);
+                if (slot.Length == 0) continue;
+                for (Transform parent = transforms[k].parent; parent != null; parent = parent.parent) depth++;
+                if (!candidates.ContainsKey(slot)) candidates.Add(slot, new List<Candidate>());
+                candidates[slot].Add(new Candidate { Numbers = numbers, Depth = depth, Index = k, Transform = transforms[k] });
             }
-            if (most < Shared * transforms.Length) prefix = null;
-            for (int k = 0; k < transforms.Length; k++)
+            Dictionary<string, Transform> first = new Dictionary<string, Transform>(), found = new Dictionary<string, Transform>();
+            foreach (KeyValuePair<string, List<Candidate>> each in candidates)
             {
-                if (isDeforming && !IsDeforming(transforms[k].name)) continue;
-                bool hasPrefix = prefix != null && words[k].Count > 1 && words[k][0] == prefix;
-                string key = Joined(words[k], hasPrefix ? 1 : 0);
-                if (key.Length > 0 && !byKey.ContainsKey(key)) byKey.Add(key, transforms[k]);
+                each.Value.Sort(Compare);
+                first.Add(each.Key, each.Value[0].Transform);
             }
-            return byKey;
+            FindLimbs("left", first, found);
+            FindLimbs("right", first, found);
+            List<Candidate> spine;
+            candidates.TryGetValue("spine", out spine);
+            FindSpine(spine ?? new List<Candidate>(), first, found);
+            return found;
         }
 
-        static bool IsDeforming(string name) { return Regex.IsMatch(name, @"^(DEF|def)[\s_\-.]"); }
+        /// <summary>Names with fewer numbers first, then those nearer to the root.</summary>
+        static int Compare(Candidate one, Candidate other)
+        {
+            int by = one.Numbers.CompareTo(other.Numbers);
+            if (by == 0) by = one.Depth.CompareTo(other.Depth);
+            return by != 0 ? by : one.Index.CompareTo(other.Index);
+        }
 
-        static List<string> WordsOf(string name)
+        static void FindLimbs(string side, Dictionary<string, Transform> first, Dictionary<string, Transform> found)
+        {
+            bool hasUpperArm = first.ContainsKey(side + "UpperArm"), hasArm = first.ContainsKey(side + "Arm");
+            foreach (string limb in Limbs)
+            {
+                string human = limb.Substring(0, limb.IndexOf(':')), names = limb.Substring(human.Length + 2);
+                if (human == "LowerArm" && hasUpperArm) names += " Arm"; // upper arm and arm
+                if (human == "UpperArm" && !hasUpperArm && !hasArm) names += " Shoulder"; // collar and shoulder
+                if (human == "Shoulder" && !hasUpperArm && !hasArm) names = "Collar";
+                if (human == "UpperLeg") names += first.ContainsKey(side + "LowerLeg") ? " Leg Hip" : " Hip"; // leg and knee
+                foreach (string name in names.Split(' '))
+                    if (!found.ContainsKey(side + human) && first.ContainsKey(side + name)) found.Add(side + human, first[side + name]);
+            }
+            foreach (string digit in Digits)
+                for (int joint = 0; joint < 3; joint++)
+                    Take(first, side + digit + (joint + 1), found, side + digit + (digit == "Thumb" ? Thumb : Fingers)[joint]);
+            // A thumb in words: metacarpal, proximal, distal, or Unity's proximal, intermediate, distal.
+            string[] words = first.ContainsKey(side + "Thumbintermediate") ? Fingers : Thumb;
+            for (int joint = 0; joint < 3; joint++)
+                Take(first, side + "Thumb" + words[joint].ToLowerInvariant(), found, side + "Thumb" + Thumb[joint]);
+        }
+
+        static void FindSpine(List<Candidate> chain, Dictionary<string, Transform> first, Dictionary<string, Transform> found)
+        {
+            chain.Sort((one, other) => one.Depth != other.Depth ? one.Depth.CompareTo(other.Depth) : one.Index.CompareTo(other.Index));
+            foreach (string human in new[] { "hips", "neck", "head", "jaw" }) Take(first, human, found, human);
+            if (!found.ContainsKey("hips") && chain.Count > 1) // Rigify: all of the spine, from hips to head
+            {
+                found["hips"] = chain[0].Transform;
+                chain.RemoveAt(0);
+            }
+            if (!found.ContainsKey("head") && chain.Count > 3)
+            {
+                found["head"] = chain[chain.Count - 1].Transform;
+                chain.RemoveAt(chain.Count - 1);
+                int neck = Math.Min(3, chain.Count - 1);
+                if (!found.ContainsKey("neck"))
+                {
+                    found["neck"] = chain[neck].Transform;
+                    chain.RemoveRange(neck, chain.Count - neck);
+                }
+            }
+            if (chain.Count > 0) found["spine"] = chain[0].Transform;
+            if (chain.Count > 1) found["chest"] = chain[chain.Count / 2].Transform;
+            if (chain.Count > 2) found["upperChest"] = chain[chain.Count - 1].Transform;
+        }
+
+        static void Take(Dictionary<string, Transform> from, string name, Dictionary<string, Transform> to, string human)
+        {
+            if (from.ContainsKey(name)) to[human] = from[name];
+        }
+
+        /// <summary>Part of the body that a name stands for, behind left or right; empty: none. Twists have more numbers.</summary>
+        static string Slot(string name, out int count)
         {
             name = name.Substring(name.LastIndexOfAny(new[] { ':', '|' }) + 1);
-            List<string> words = new List<string>();
-            foreach (Match word in Words.Matches(Prefix.Replace(name, ""))) words.Add(word.Value.ToLowerInvariant());
-            return words;
-        }
-
-        static string Joined(List<string> words, int first)
-        {
-            string side = "", rest = "";
-            for (int k = first; k < words.Count; k++)
+            string side = "", stem, limb;
+            List<string> words = new List<string>(), numbers = new List<string>();
+            foreach (Match token in Tokens.Matches(Prefix.Replace(name, "")))
             {
-                if (words[k] == "left" || words[k] == "l") side = "l ";
-                else if (words[k] == "right" || words[k] == "r") side = "r ";
-                else if (words[k] != "c") rest += words[k]; // VRoid's centre
+                string word = token.Value.ToLowerInvariant();
+                if (char.IsDigit(word[0])) numbers.Add(word);
+                else if (side.Length == 0 && Sides.ContainsKey(word)) side = Sides[word];
+                else if (!Fillers.Contains(word)) words.Add(word);
             }
-            return rest.Length > 0 ? side + rest : "";
+            count = numbers.Count;
+            if (words.Count > 1 && (words[0] == "c" || words[0] == "m")) words.RemoveAt(0);
+            stem = string.Concat(words.ToArray());
+            foreach (string mark in new[] { "left", "right", "l", "r" }) // joined to the word: handl, leftarm
+                for (int end = 0; end < 2 && side.Length == 0; end++)
+                {
+                    if (end == 0 ? !stem.StartsWith(mark, StringComparison.Ordinal) : !stem.EndsWith(mark, StringComparison.Ordinal)) continue;
+                    string rest = end == 0 ? stem.Substring(mark.Length) : stem.Substring(0, stem.Length - mark.Length);
+                    if (!Sided.ContainsKey(rest) && !DigitWords.ContainsKey(rest)) continue;
+                    side = Sides[mark];
+                    stem = rest;
+                    words = new List<string> { rest };
+                }
+            string finger = Finger(words, numbers);
+            if (finger.Length > 0) return side.Length > 0 ? side + finger : "";
+            if (side.Length > 0) return Sided.TryGetValue(stem, out limb) ? side + limb : "";
+            if (!Centre.TryGetValue(stem, out limb)) return "";
+            if (limb == "spine") count = 0;
+            return limb;
         }
 
-        static int Fitting(string[][] naming, Dictionary<string, Transform> byKey)
+        /// <summary>A digit and its joint: a number from 1 ("Index1"), of a thumb also a word ("Thumbdistal").</summary>
+        static string Finger(List<string> words, List<string> numbers)
         {
-            int count = 0;
-            foreach (string[] keys in naming)
-                if (keys[0].Length > 0 && byKey.ContainsKey(keys[0])) count++;
-            return count;
+            int digit = -1, joint = numbers.Count > 0 ? Number(numbers[numbers.Count - 1]) : 1;
+            string phalanx = "";
+            bool isFinger = false;
+            foreach (string word in words)
+            {
+                if (DigitWords.ContainsKey(word) && digit < 0) digit = DigitWords[word];
+                else if (Phalanges.ContainsKey(word)) phalanx = word;
+                else if (word == "finger" || word == "fingers") isFinger = true;
+                else if (word != "hand" && word != "f") return "";
+            }
+            if (digit < 0)
+            {
+                if (!isFinger || numbers.Count == 0) return "";
+                digit = Number(numbers[0]) - 1; // finger1-1
+                if (numbers.Count == 1) // Biped's Finger0, Finger01, Finger02: a thumb
+                {
+                    digit = numbers[0][0] - '0';
+                    joint = Number(numbers[0].Substring(1)) + 1;
+                }
+                if (digit < 0 || digit > 4) return "";
+            }
+            if (phalanx.Length > 0 && digit == 0) return "Thumb" + (phalanx == "medial" ? "intermediate" : phalanx);
+            if (phalanx.Length > 0) joint = Phalanges[phalanx];
+            return joint >= 1 && joint <= 3 ? Digits[digit] + joint : "";
+        }
+
+        static int Number(string digits)
+        {
+            int number;
+            return int.TryParse(digits, out number) ? number : 0;
+        }
+
+        /// <summary>A name without namespace, separators and upper case.</summary>
+        static string Plain(string name)
+        {
+            return Regex.Replace(name.Substring(name.LastIndexOf(':') + 1), @"[ ._\-/]", "").ToLowerInvariant();
+        }
+
+        static Dictionary<string, string> BySpelling(string[] slots)
+        {
+            Dictionary<string, string> found = new Dictionary<string, string>();
+            foreach (string slot in slots)
+            {
+                string name = slot.Substring(0, slot.IndexOf(':'));
+                foreach (string spelling in slot.Substring(name.Length + 2).Split(' ')) found.Add(spelling, name);
+            }
+            return found;
         }
     }
 }

@@ -150,42 +150,53 @@ static class Bodies
         GameObject.Call(body, "OnDisable");
     }
 
-    /// <summary>Names of one avatar for hips, spine, left upper arm, left hand, right lower leg, left index and right thumb.</summary>
+    const string Human = "hips spine chest upperChest neck head leftShoulder leftUpperArm leftLowerArm leftHand leftThumbMetacarpal leftThumbProximal leftThumbDistal leftIndexProximal leftLittleDistal rightUpperLeg rightLowerLeg rightFoot rightToes";
+
+    /// <summary>Human bones of avatars named by common conventions, in the order of Human; -: there is none.</summary>
     static void Names(HapticClipAsset asset)
     {
-        Bone[] bones =
+        string[] human = Human.Split(' ');
+        string[] avatars =
         {
-            Named("root", "hips", "Hips", "pelvis"), Named("spine05", "spine", "Spine", "spine_01"),
-            Named("spine03", "chest", "Spine1", "spine_02"), Named("upperarm01.L", "leftUpperArm", "LeftArm", "upperarm_l"),
-            Named("wrist.L", "leftHand", "LeftHand", "hand_l"), Named("lowerleg01.R", "rightLowerLeg", "RightLeg", "calf_r"),
-            Named("finger2-1.L", "leftIndexProximal", "LeftHandIndex1", "index_01_l"),
-            Named("finger1-1.R", "rightThumbMetacarpal", "RightHandThumb1", "thumb_01_r"),
+            "mixamorig:Hips mixamorig:Spine mixamorig:Spine1 mixamorig:Spine2 mixamorig:Neck mixamorig:Head mixamorig:LeftShoulder mixamorig:LeftArm mixamorig:LeftForeArm mixamorig:LeftHand mixamorig:LeftHandThumb1 mixamorig:LeftHandThumb2 mixamorig:LeftHandThumb3 mixamorig:LeftHandIndex1 mixamorig:LeftHandPinky3 mixamorig:RightUpLeg mixamorig:RightLeg mixamorig:RightFoot mixamorig:RightToeBase", // Mixamo
+            "mixamorig7_Hips mixamorig7_Spine mixamorig7_Spine1 mixamorig7_Spine2 mixamorig7_Neck mixamorig7_Head mixamorig7_LeftShoulder mixamorig7_LeftArm mixamorig7_LeftForeArm mixamorig7_LeftHand mixamorig7_LeftHandThumb1 mixamorig7_LeftHandThumb2 mixamorig7_LeftHandThumb3 mixamorig7_LeftHandIndex1 mixamorig7_LeftHandPinky3 mixamorig7_RightUpLeg mixamorig7_RightLeg mixamorig7_RightFoot mixamorig7_RightToeBase", // Mixamo, other prefix
+            "Hips Spine Chest UpperChest Neck Head LeftShoulder LeftUpperArm LeftLowerArm LeftHand LeftThumbMetacarpal LeftThumbProximal LeftThumbDistal LeftIndexProximal LeftLittleDistal RightUpperLeg RightLowerLeg RightFoot RightToes", // Godot
+            "Hips Spine Chest UpperChest Neck Head LeftShoulder LeftUpperArm LeftLowerArm LeftHand LeftThumbProximal LeftThumbIntermediate LeftThumbDistal LeftIndexProximal LeftLittleDistal RightUpperLeg RightLowerLeg RightFoot RightToes", // Unity
+            "J_Bip_C_Hips J_Bip_C_Spine J_Bip_C_Chest J_Bip_C_UpperChest J_Bip_C_Neck J_Bip_C_Head J_Bip_L_Shoulder J_Bip_L_UpperArm J_Bip_L_LowerArm J_Bip_L_Hand J_Bip_L_Thumb1 J_Bip_L_Thumb2 J_Bip_L_Thumb3 J_Bip_L_Index1 J_Bip_L_Little3 J_Bip_R_UpperLeg J_Bip_R_LowerLeg J_Bip_R_Foot J_Bip_R_ToeBase", // VRoid
+            "pelvis spine_01 spine_02 spine_03 neck_01 head clavicle_l upperarm_l lowerarm_l hand_l thumb_01_l thumb_02_l thumb_03_l index_01_l pinky_03_l thigh_r calf_r foot_r ball_r", // Unreal
+            "DEF-spine DEF-spine.001 DEF-spine.002 DEF-spine.003 DEF-spine.004 DEF-spine.006 DEF-shoulder.L DEF-upper_arm.L DEF-forearm.L DEF-hand.L DEF-thumb.01.L DEF-thumb.02.L DEF-thumb.03.L DEF-f_index.01.L DEF-f_pinky.03.L DEF-thigh.R DEF-shin.R DEF-foot.R DEF-toe.R", // Rigify
+            "Bip01_Pelvis Bip01_Spine Bip01_Spine1 Bip01_Spine2 Bip01_Neck Bip01_Head Bip01_L_Clavicle Bip01_L_UpperArm Bip01_L_Forearm Bip01_L_Hand Bip01_L_Finger0 Bip01_L_Finger01 Bip01_L_Finger02 Bip01_L_Finger1 Bip01_L_Finger42 Bip01_R_Thigh Bip01_R_Calf Bip01_R_Foot Bip01_R_Toe0", // Biped
+            "CC_Base_Hip CC_Base_Waist CC_Base_Spine01 CC_Base_Spine02 CC_Base_NeckTwist01 CC_Base_Head CC_Base_L_Clavicle CC_Base_L_Upperarm CC_Base_L_Forearm CC_Base_L_Hand CC_Base_L_Thumb1 CC_Base_L_Thumb2 CC_Base_L_Thumb3 CC_Base_L_Index1 CC_Base_L_Pinky3 CC_Base_R_Thigh CC_Base_R_Calf CC_Base_R_Foot CC_Base_R_ToeBase", // Character Creator
+            "Pelvis Spine1 Spine2 Spine3 Neck Head L_Collar L_Shoulder L_Elbow L_Wrist - - - - - R_Hip R_Knee R_Ankle -", // SMPL
+            "hips spine chest upperchest neck head leftshoulder leftarm leftforearm handl - - - - - thighr shinr rightfoot rtoe", // sides joined
         };
-        string[][] avatars =
+        foreach (string avatar in avatars)
         {
-            "root spine05 spine03 upperarm01.L wrist.L lowerleg01.R finger2-1.L finger1-1.R".Split(' '),
-            "root spine05 spine03 upperarm01_L wrist_L lowerleg01_R finger2-1_L finger1-1_R".Split(' '),
-            "Hips Spine Chest LeftUpperArm LeftHand RightLowerLeg LeftIndexProximal RightThumbMetacarpal".Split(' '),
-            "mixamorig:Hips mixamorig:Spine mixamorig:Spine1 mixamorig:LeftArm mixamorig:LeftHand mixamorig:RightLeg mixamorig:LeftHandIndex1 mixamorig:RightHandThumb1".Split(' '),
-            "mixamorig7_Hips mixamorig7_Spine mixamorig7_Spine1 mixamorig7_LeftArm mixamorig7_LeftHand mixamorig7_RightLeg mixamorig7_LeftHandIndex1 mixamorig7_RightHandThumb1".Split(' '),
-            "Hero_Hips Hero_Spine Hero_Spine1 Hero_LeftArm Hero_LeftHand Hero_RightLeg Hero_LeftHandIndex1 Hero_RightHandThumb1".Split(' '),
-            "pelvis spine_01 spine_02 upperarm_l hand_l calf_r index_01_l thumb_01_r".Split(' '),
-            "DEF-spine DEF-spine.001 DEF-spine.002 DEF-upper_arm.L DEF-hand.L DEF-shin.R DEF-f_index.01.L DEF-thumb.01.R".Split(' '),
-            "J_Bip_C_Hips J_Bip_C_Spine J_Bip_C_Chest J_Bip_L_UpperArm J_Bip_L_Hand J_Bip_R_LowerLeg J_Bip_L_Index1 J_Bip_R_Thumb1".Split(' '),
-            "Bip01 Pelvis|Bip01 Spine|Bip01 Spine1|Bip01 L UpperArm|Bip01 L Hand|Bip01 R Calf".Split('|'),
-            "hips spine chest upper_arm.left hand.left lower_leg.right index_proximal.left thumb_metacarpal.right".Split(' '),
-        };
-        foreach (string[] names in avatars)
-        {
-            List<Transform> all = names.Select(name => new Transform { name = name }).ToList();
-            // Of other parts: the floor, a twist bone, a control, an object in the hand.
-            string[] others = { names[0] == "root" ? "Armature" : "root", "upperarm_twist_01_l", "LeftHandGrip", "ORG-hand.L" };
-            all.InsertRange(0, others.Select(name => new Transform { name = name }));
-            Transform[] found = BoneNames.Find(bones, all.ToArray(), null);
-            string seen = string.Join(" ", found.Take(names.Length).Select(of => of == null ? "-" : of.name));
-            Demand(seen == string.Join(" ", names), "names of bones: " + seen);
+            string[] names = avatar.Split(' ');
+            Dictionary<string, Transform> found = BoneNames.HumanBones(Chain(names));
+            string seen = string.Join(" ", human.Select(bone => found.ContainsKey(bone) ? found[bone].name : "-"));
+            Demand(seen == avatar, "names of bones: " + seen);
         }
+        string others = "hand_ik.L upperarm_twist_01_l ORG-thigh.L hair_01 camera root mixamorig:LeftHandThumb4";
+        Demand(BoneNames.HumanBones(Chain(others.Split(' '))).Count == 0, "bones that are none of a body's own");
+        // The clip's own rig goes by its own names, with the separators of another program.
+        Bone[] bones = { Named("root", "hips"), Named("wrist.L", "leftHand"), Named("finger1-1.L", "leftThumbMetacarpal") };
+        Transform[] own = Chain("Armature root wrist_L finger1-1_L hand_L".Split(' '));
+        Demand(BoneNames.Find(bones, own, null).SequenceEqual(own.Skip(1).Take(3)), "the clip's own rig");
+        // "root" is Unreal's floor, not the hips of the clip; a chest that is not there follows the spine.
+        Bone[] trunk = { Named("root", "hips"), Named("spine01", "upperChest"), Named("spine05", "spine"), Named("upperleg01.L", "leftUpperLeg"), Named("wrist.L", "leftHand") };
+        Transform[] unreal = Chain("root pelvis spine_01 thigh_l".Split(' '));
+        Demand(BoneNames.Find(trunk, unreal, null).SequenceEqual(new[] { unreal[1], unreal[2], unreal[2], unreal[3], null }), "Unreal's root is not the hips");
         Demand(asset.Clip.Bodies[0].Bones.All(bone => bone.HasSkin), "both bones carry skin");
+    }
+
+    /// <summary>Transforms, each the child of the one before; a name of - is left out.</summary>
+    static Transform[] Chain(string[] names)
+    {
+        List<Transform> all = new List<Transform>();
+        foreach (string name in names)
+            if (name != "-") all.Add(new Transform { name = name, parent = all.LastOrDefault() });
+        return all.ToArray();
     }
 
     static void Garbage(HapticClipAsset asset)
@@ -210,10 +221,7 @@ static class Bodies
         GameObject.Call(body, "OnDisable");
     }
 
-    static Bone Named(string name, string human, string mixamo, string unreal)
-    {
-        return new Bone { Name = name, Human = human, Mixamo = mixamo, Unreal = unreal };
-    }
+    static Bone Named(string name, string human) { return new Bone { Name = name, Human = human, Mixamo = "", Unreal = "" }; }
 
     static HapticBody Body(HapticClipAsset asset, params string[] bones)
     {

@@ -64,6 +64,7 @@ namespace UnityEngine
     public class Transform : Component
     {
         public readonly List<Transform> all = new List<Transform>();
+        public Transform parent;
         public Matrix4x4 localToWorldMatrix = Matrix4x4.identity;
         public Vector3 localPosition, localScale, position;
         public Quaternion rotation;
