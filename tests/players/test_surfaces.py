@@ -213,7 +213,9 @@ def test_an_export_has_each_map_once_with_the_effects_amplitude(tmp_path: Path) 
     result = write(header, [], tmp_path / "x", recorder)
     assert any("Pad 2" in note and "micro-collisions" in note for note in result.notes)
     (path,) = result.files
-    assert facts(path)["surfaces"] == ["Pad 0", "Pad 1"]
+    shown = facts(path)["surfaces"]
+    assert [item["surface"] for item in shown] == ["Pad 0", "Pad 1"]
+    assert shown[1]["size_mm"] == pytest.approx([2.0, 4.0]) and not shown[1]["tiles"]
     sections = clip_rules.read(path.read_bytes(), "x")
     assert sections["SURF"]["map"].tolist() == [0, 0] and len(sections["HMAP"]) == 1
     # Level 0.5 of 8 m/s^2; from 0.5 g of 2 g up, and 0.4 of the way to all of it.

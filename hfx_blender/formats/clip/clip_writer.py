@@ -41,10 +41,12 @@ def write(
 
 
 def facts(path: Path) -> dict[str, Any]:
-    """Rate, rows, devices, clips, bodies and effects for ``hfx info``; InputError if invalid."""
+    """Content of a clip for ``hfx info``: rows, devices, clips, bodies, effects and surfaces.
+    Raises InputError for an invalid clip."""
     sections = clip_rules.read(read_data(path), str(path))
     at = sections["TIME"][0]
     devices, clips, effects = sections["DEVC"], sections["CLIP"], sections["EFCT"]
+    surfaces, maps = sections["SURF"], sections["HMAP"]
     names = zip(texts_at(sections, devices["id"]), texts_at(sections, devices["body"]), strict=True)
     return {
         "rows": int(at["rows"]),
@@ -66,5 +68,14 @@ def facts(path: Path) -> dict[str, Any]:
         ],
         "bodies": texts_at(sections, sections["BODY"]["name"]),
         "effects": texts_at(sections, effects["name"]),
-        "surfaces": texts_at(sections, sections["SURF"]["name"]),
+        "surfaces": [
+            {
+                "surface": name,
+                "size_mm": maps["mm"][entry["map"]].tolist(),
+                "tiles": bool(maps["tiles"][entry["map"]]),
+                "amplitude_m_s2": entry["m_s2"].tolist(),
+                "frequency_hz": entry["hz"].tolist(),
+            }
+            for name, entry in zip(texts_at(sections, surfaces["name"]), surfaces, strict=True)
+        ],
     }
