@@ -16,7 +16,8 @@ Registration = tuple[Callable[[], None], Callable[[], None]]
 
 def of_package(name: str, path: Iterable[str]) -> Registration:
     """Functions ``register`` and ``unregister`` for all modules of a package, sorted by name.
-    ``name`` and ``path`` describe the package; subpackages are included. The classes defined in a
+    ``name`` and ``path`` describe the package; subpackages are included, but for
+    their ``__init__``. Modules are imported by ``register``. The classes defined in a
     module are registered in order: property groups, and classes named ``HFX_...``. Then the
     module's own ``register`` is called, if any."""
 

@@ -32,8 +32,9 @@ _temporary: Path | None = None
 
 
 def start() -> Any:
-    """Import ``bpy`` and register this package in it; return the module. Raises HfxError: Blender
-    cannot be loaded; the message names the missing packages."""
+    """Import ``bpy`` and register this package in it; return the module. A signal during the import
+    raises TerminatedError at its end; in child processes signals end the process at once. Raises
+    HfxError: Blender cannot be loaded; the message names the missing packages."""
     if is_child():
         end_on_signals(at_once=True)
     try:

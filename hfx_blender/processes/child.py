@@ -30,8 +30,9 @@ def _load_package(name: str, folder: str) -> None:
 
 def main() -> None:
     """Append the folders in argument 1, separated by ``os.pathsep``, to ``sys.path``, load the
-    package, and run argument 2 as a module; after ``-c``, argument 3 as Python source. Both run as
-    ``__main__`` with the further arguments in ``sys.argv``."""
+    package (and ``hfx_tools`` next to it, for a module of another package), and run argument 2 as a
+    module; after ``-c``, argument 3 as Python source. Both run as ``__main__`` with the further
+    arguments in ``sys.argv``."""
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
         # Ctrl-C ends the parent, which reports: no traceback of each child.
         _signal.signal(_signal.SIGINT, _signal.SIG_DFL)

@@ -44,6 +44,10 @@ def test_without_contacts_the_colour_is_skin() -> None:
     assert _colours().tolist() == [list(SKIN)] * 2
 
 
+def test_each_modality_has_a_full_colour_in_these_tests() -> None:
+    assert FULL_COLOUR.keys() == MODALITIES.keys()
+
+
 @pytest.mark.parametrize(("modality", "channel"), [("vibration", 0), ("pressure", 1)])
 def test_full_strength_is_the_papers_colour(modality: str, channel: int) -> None:
     colours, bare = _colours(_sample(modality, FULL_COLOUR[modality]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -17,6 +18,7 @@ from core_library import ROOT, Clip, Player, library
 from damage import damaged
 
 from hfx_blender.cli import run
+from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.errors import InputError
 from hfx_blender.formats.clip import baked, clip_rules
 from hfx_blender.formats.clip.container import with_checksum
@@ -317,3 +319,19 @@ def test_a_clip_is_played_by_the_output_process_with_its_limits(
     device.write_text(json.dumps(DEVICE).replace('"id": "touch", "type"', '"id": "finger", "type"'))
     assert run(start) == 3
     assert "touch amplitude_m_s2 where its configuration has finger" in capsys.readouterr().err
+
+
+def test_players_list_the_modalities_in_the_order_of_the_engine() -> None:
+    players = Path(__file__).resolve().parents[2] / "players"
+    lists = {
+        "core/hfx_player.h": r"enum hfx_modality \{(.*?)\}",
+        "godot/addons/hfx/haptic_clip.gd": r"const MODALITIES.*?\[(.*?)\]",
+        "unity/Runtime/HapticClip.cs": r"enum Modality \{(.*?)\}",
+        "web/src/clip.js": r"const MODALITIES = \[(.*?)\]",
+        "web/index.d.ts": r"type Modality = (.*?);",
+    }
+    for name, pattern in lists.items():
+        match = re.search(pattern, (players / name).read_text("utf-8"), re.DOTALL)
+        assert match is not None, name
+        names = re.findall(r"\w+", match[1].lower().replace("hfx_", ""))
+        assert names == list(MODALITIES), name

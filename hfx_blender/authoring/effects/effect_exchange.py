@@ -203,7 +203,8 @@ def sensation_of(
     name: str,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Sensation:
-    """Create a sensation from effects of a scene, with time 0 at their first clip or keyframe.
+    """Create a sensation from effects of a scene, with time 0 at the earliest start of
+    their clips, keyframes and particle systems.
     ``origin`` (3,) is the world position that volumes are relative to, Blender units. Raises
     InputError: there are no effects, an effect has the shape of a mesh or is a surface, or a clip
     is a meta strip."""

@@ -345,9 +345,8 @@ def _check_consistency(effect: Node) -> None:
 def save(sensation: Sensation, path: Path) -> None:
     """Write an effect file; an existing file is replaced only after a complete write. Raises
     InputError as :func:`text_of`, OutputError: the file cannot be written."""
-    text = text_of(sensation)
     with atomic_file(path) as file:
-        file.write(text.encode())
+        file.write(text_of(sensation).encode())
 
 
 def where_of(effect: EffectRecipe) -> str:

@@ -68,8 +68,9 @@ def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
 def swarm_recipe(
     scene: bpy.types.Scene, effect: bpy.types.Object, unit_m: float, first: float, fps: float
 ) -> SwarmRecipe | None:
-    """Recipe of the first particle system that emits a volume; None if missing. Times are in
-    seconds from frame ``first``, lengths in metres."""
+    """Recipe of the first particle system among all objects of the scene that emits the volume
+    ``effect``; None if missing. Place and size are those of the emitter's box in the world. Times
+    are in seconds from frame ``first``, lengths in metres."""
     systems = emitters(scene, effect)
     if not systems:
         return None

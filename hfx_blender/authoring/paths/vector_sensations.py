@@ -28,7 +28,8 @@ def add(
     modality: str | None = None,
     name: str | None = None,
 ) -> bpy.types.Object:
-    """Add a vector sensation for a device, all actuators at 0.
+    """Add a vector sensation for a device, all actuators at 0, at the neutral frequency of the
+    first actuator, or as a contact for temperatures.
 
     Full strength is the highest of the actuators' strengths, reached at value 1. The default
     modality is that of the device's first actuator. Raises InputError: the device has no actuator

@@ -130,7 +130,8 @@ class DeviceThread:
             return Question(self.generation, asked_s, self._asked)
 
     def feed(self, values: F64, question: Question | None = None) -> None:
-        """Queue the newest frame; ignored unless the device is armed.
+        """Queue the newest frame behind frames that wait for the device's offset; a frame less than
+        1 ms after the last one replaces it. Ignored unless the device is armed.
 
         ``values``: (columns,), or a row of :func:`.tones.frame_of`. A wrong number of entries is a
         fault and stops the device.

@@ -92,8 +92,8 @@ class Channels:
     def fractions(self, values: F64) -> F64:
         """Scale channels (channels,) to 0..1 of the range of the hardware.
 
-        A strength with measured drive curves becomes the drive that produces this output at the
-        present frequency.
+        A strength with measured drive curves becomes the drive, 0..1, that produces this output at
+        the present frequency, or at the neutral one if no frequency is sent.
         """
         fractions = np.clip((values - self._minimum) / self._span, 0.0, 1.0)
         for channel, kind, frequency_channel in self._driven:

@@ -266,8 +266,9 @@ class Renderer:
         return self._limits.joined(self._limits.by_actuator(self._values[0]))
 
     def gains(self, run: SampleRun) -> F64:
-        """Gains (n, A) of all actuators of the device for a run's samples, in 0..1. Raises
-        InputError for a place off a model of a modality that the device renders."""
+        """Gains (n, A) of all actuators of the device for a run's samples, in 0..1; 0 for
+        actuators whose places do not fit the run's model. Raises InputError for such a place if the
+        actuator renders the run's modality."""
         gains = np.zeros((len(run), len(self._device.actuators)))
         for group in self.groups:
             try:

@@ -84,7 +84,8 @@ def write_signals(
     stem: Path,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Written:
-    """Write vibration signals of another format as ``stem.hjif``, with an unknown full scale. The
+    """Write vibration signals of another format as ``stem.hjif``, with an unknown full scale and
+    the format's whole range of frequencies: ``frequencies`` is ignored, as for formats in Hz. The
     file is read back to measure the error. Raises OutputError for an unwritable file; no partial
     file remains."""
     timescale = timescale_of(Fraction(1000))

@@ -141,7 +141,7 @@ def test_a_failure_of_the_device_and_a_time_outside_have_their_exit_codes(
     assert cli.run(arguments(tmp_path / "none.hfxtrack")) == 3
     foreign = tmp_path / "notes"
     foreign.write_text("not a log")
-    assert cli.run(arguments(track, "--path", str(foreign))) == 4
+    assert cli.run(arguments(track, "--path", str(foreign))) == 3
     assert foreign.read_text() == "not a log"
 
 

@@ -58,7 +58,8 @@ def with_sides(rig: Rig, names: Mapping[str, BoneName]) -> dict[str, BoneName]:
 def _placed_sides(
     rig: Rig, names: Mapping[str, BoneName], roots: Mapping[str, str]
 ) -> dict[str, str]:
-    """Sides ("" near the middle) of bones by the position of their limb; empty without an axis.
+    """Sides ("" near the middle) of bones by the median position of all bones of their
+    limb; empty without an axis.
     Leaves out bones named after one side and lying on the other side than their limb."""
     axis = _LeftAxis.of(rig, names, roots)
     if axis is None:
