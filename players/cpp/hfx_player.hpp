@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Clips, players and bodies as C++ objects that own their memory: C++14, this header and the core,
-// no exceptions, no RTTI. An object that failed to open is safe to use, and silent.
+// Clips, players, bodies and strokes as C++ objects that own their memory: C++14, this header and
+// the core, no exceptions, no RTTI. An object that failed to open is safe to use, and silent.
 //
 //   hfx::Clip clip(std::move(bytes));       // std::vector<unsigned char>; if (!clip) clip.error_text()
 //   hfx::Player player(clip);
@@ -48,6 +48,7 @@ class Clip {
     return all<hfx_named_clip>(hfx_clip_named_clip);
   }
   std::vector<hfx_effect> effects() const { return all<hfx_effect>(hfx_clip_effect); }
+  std::vector<hfx_surface> surfaces() const { return all<hfx_surface>(hfx_clip_surface); }
   std::vector<hfx_bone> bones(std::uint32_t body) const {
     std::vector<hfx_bone> found(hfx_clip_bones(&core(), body));
     for (std::uint32_t k = 0; k < found.size(); k++) hfx_clip_bone(&core(), body, k, &found[k]);
@@ -188,6 +189,34 @@ class Body {
   std::unique_ptr<unsigned char[]> memory_;
   std::map<std::uint32_t, std::unique_ptr<unsigned char[]>> volumes_;
   int error_ = 0;
+};
+
+// A finger on a haptic surface: peak amplitude and frequency of its path.
+class Stroke {
+ public:
+  Stroke() : Stroke(Clip(), 0) {}
+  // `surface` is an index in the clip.
+  Stroke(Clip clip, std::uint32_t surface) : clip_(std::move(clip)), surface_(surface) {}
+
+  // Moves to a place, shares of the map's width and height, `seconds` after the last call; a speed
+  // below 0 is that of the path. False, and silence: there is no such surface.
+  bool feel(double u, double v, double seconds, double speed_mm_s = -1.0) {
+    const hfx_clip *clip = &clip_.core();
+    return hfx_surface_feel(clip, surface_, &stroke_, u, v, speed_mm_s, seconds, out_) == 0;
+  }
+  // Ends the touch, in silence.
+  void lift() {
+    hfx_surface_lift(&stroke_);
+    out_[0] = 0.0f;
+  }
+  float amplitude_m_s2() const { return out_[0]; }
+  float frequency_hz() const { return out_[1]; }
+
+ private:
+  Clip clip_;
+  std::uint32_t surface_;
+  hfx_stroke stroke_ = {};
+  float out_[2] = {0.0f, 0.0f};
 };
 
 }  // namespace hfx

@@ -11,6 +11,7 @@ import pytest
 from core_library import ROOT, Body, Clip, Player, compiled
 from small_clip import write_small_clip
 
+from hfx_blender.formats.clip import clip_rules
 from release.single_header import single_header
 
 CPP = ROOT / "players" / "cpp"
@@ -58,6 +59,11 @@ int main(int, char **arguments) {
   print("evaluate", moved.evaluate(0.02));
   std::printf("%.6f ", moved.level(second));
   std::printf("%d %d\\n", moved.remove_volume(first), moved.remove_volume(0));
+  hfx::Stroke stroke(player.clip(), 1), lost(player.clip(), 2);
+  std::printf("%d %d %s", lost.feel(0, 0, 0.01), stroke.feel(0.5, 0.1, 0.01),
+              player.clip().surfaces()[1].name);
+  stroke.feel(0.5, 0.9, 0.01);
+  std::printf(" %.6f %.6f\\n", stroke.amplitude_m_s2(), stroke.frequency_hz());
   const hfx::Clip none;
   hfx::Body silent(none);
   std::printf("%s %d\\n", none.error_text(), hfx::Player(none).play("part"));
@@ -141,6 +147,9 @@ def test_the_wrapper_gives_the_values_of_the_core(tmp_path: Path) -> None:
     expected += ["1 0 0", "1", f"evaluate {listed(body.evaluate(0.02))}"]
     assert body.level(number) > 0.0
     expected += [f"{body.level(number):.6f} 1 0"]
+    # From the first of six rows to the last: the highest intensity of all, up to 4 m/s^2.
+    texels = clip_rules.read(clip.read_bytes(), clip.name)["TEXL"][20:]
+    expected += [f"0 1 Edge {4.0 * (texels >> 8).max() / (2**24 - 1):.6f} 50.000000"]
     assert lines[: len(expected)] == expected
     assert lines[len(expected)].endswith(" 0") and lines[len(expected) + 1 :] == ["none"]
 
