@@ -4,49 +4,24 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 import io
 import json
+import subprocess
 import sys
 import tarfile
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[1] / "players" / "unity"
-_META = """\
-fileFormatVersion: 2
-guid: {guid}
-folderAsset: yes
-DefaultImporter:
-  externalObjects: {{}}
-  userData:
-  assetBundleName:
-  assetBundleVariant:
-"""
-_LEFT_OUT = ("Tests~",)
-
-
-def folder_meta(path: str) -> str:
-    """Meta file of a folder, with an identity that follows from its path in the package."""
-    guid = hashlib.md5(f"org.hfx.haptics/{path}".encode(), usedforsecurity=False).hexdigest()
-    return _META.format(guid=guid)
+PLAYERS = Path(__file__).resolve().parents[1] / "players"
+PACKAGE = PLAYERS / "unity"
 
 
 def package_files(package: Path = PACKAGE) -> dict[str, bytes]:
-    """Paths in the package and contents, sorted, without tests.
-
-    Folders of plug-ins get meta files: Unity leaves out all assets without one in a package that
-    was installed from git or a tarball.
-    """
-    files = {
+    """Paths in the package and contents, sorted, without tests."""
+    return {
         path.relative_to(package).as_posix(): path.read_bytes()
-        for path in package.rglob("*")
-        if path.is_file() and path.relative_to(package).parts[0] not in _LEFT_OUT
+        for path in sorted(package.rglob("*"))
+        if path.is_file() and path.relative_to(package).parts[0] != "Tests~"
     }
-    plugins = [name for name in files if name.startswith("Runtime/Plugins/")]
-    for folder in {str(parent) for name in plugins for parent in Path(name).parents}:
-        if folder.startswith("Runtime/Plugins"):
-            files.setdefault(f"{folder}.meta", folder_meta(folder).encode())
-    return dict(sorted(files.items()))
 
 
 def write_tarball(folder: Path, package: Path = PACKAGE) -> Path:
@@ -66,7 +41,6 @@ def write_tarball(folder: Path, package: Path = PACKAGE) -> Path:
 
 
 if __name__ == "__main__":
-    # After "python players/native/build.py", which writes Runtime/Plugins.
-    if not (PACKAGE / "Runtime" / "Plugins").is_dir():
-        sys.exit("Runtime/Plugins is missing: run python players/native/build.py first.")
+    # The plug-ins in the package are those of the core of today; commit them with a release.
+    subprocess.run([sys.executable, PLAYERS / "native" / "build.py"], check=True)
     sys.stdout.write(f"{write_tarball(Path(sys.argv[1] if sys.argv[1:] else 'dist'))}\n")

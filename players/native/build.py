@@ -84,6 +84,18 @@ PLAYER = """\
 """
 
 
+FOLDER = """\
+fileFormatVersion: 2
+guid: {guid}
+folderAsset: yes
+DefaultImporter:
+  externalObjects: {{}}
+  userData:
+  assetBundleName:
+  assetBundleVariant:
+"""
+
+
 def main() -> int:
     platforms = sys.argv[1:] or list(PLATFORMS)
     unknown = [name for name in platforms if name not in PLATFORMS]
@@ -94,6 +106,7 @@ def main() -> int:
     for folder in (*GODOT.glob("*/"), *UNITY.glob("*/")):  # of an older version of this file
         if folder.name not in PLATFORMS:
             shutil.rmtree(folder)
+            folder.with_name(f"{folder.name}.meta").unlink(missing_ok=True)
     failed = [platform for platform in platforms if not build(platform)]
     GODOT.mkdir(parents=True, exist_ok=True)
     built = [name for name in PLATFORMS if (GODOT / name / PLATFORMS[name][1]).is_file()]
@@ -109,6 +122,8 @@ def build(platform: str) -> bool:
     """Compile the library for one platform into the folders of Godot and, if supported, Unity.
     False if the compiler failed; the folders have no library of the platform then."""
     targets, name, editor, player, processor = PLATFORMS[platform]
+    folder_meta = UNITY / f"{platform}.meta"
+    folder_meta.unlink(missing_ok=True)
     for folder in (GODOT / platform, UNITY / platform):
         shutil.rmtree(folder, ignore_errors=True)
     with tempfile.TemporaryDirectory() as temporary:
@@ -126,14 +141,21 @@ def build(platform: str) -> bool:
         if player is None:  # Unity has no such player
             return True
         copy(library, UNITY / platform / name)
-    guid = hashlib.md5(f"{platform}/{name}".encode(), usedforsecurity=False).hexdigest()
-    text = META.format(guid=guid)
+    # Unity leaves out folders without a meta file in packages that come from git or a tarball.
+    UNITY.with_name("Plugins.meta").write_text(FOLDER.format(guid=guid_of("Plugins")), "utf-8")
+    folder_meta.write_text(FOLDER.format(guid=guid_of(platform)), "utf-8")
+    text = META.format(guid=guid_of(f"{platform}/{name}"))
     if editor:
         text += EDITOR.format(processor=processor, editor=editor)
     group = f"Standalone: {player}" if editor else f"{player}: {player}"
     text += PLAYER.format(group=group, processor=processor)
     (UNITY / platform / f"{name}.meta").write_text(text, encoding="utf-8")
     return True
+
+
+def guid_of(path: str) -> str:
+    """Unity's identity of a file or folder of the plug-ins, the same in each build."""
+    return hashlib.md5(path.encode(), usedforsecurity=False).hexdigest()
 
 
 def copy(library: Path, target: Path) -> None:
