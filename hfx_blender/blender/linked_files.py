@@ -49,6 +49,7 @@ def linked_files() -> dict[str, LinkedFile]:
             with suppress(ValueError):  # a path on another drive stays absolute
                 relative = os.path.relpath(path, Path(bpy.data.filepath).parent)
                 name = "//" + Path(relative).as_posix()
+        # A file is required if any of its users requires it.
         must_be = must_be or (name in files and files[name].must_be)
         files[name] = LinkedFile(path, user, must_be)
     return dict(sorted(files.items()))

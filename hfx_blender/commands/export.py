@@ -130,6 +130,7 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
     return [
         Unit(
             kind="join" if options.merge else "scene" if options.piece is None else "piece",
+            # Absolute, as worker processes may run in other folders.
             input=None if path is None else os.path.abspath(path),
             folder=os.path.abspath(options.output),
             stem=export_options.open_stem() if path is None else path.stem,

@@ -340,6 +340,7 @@ class _Rules:
                 self._report.error("SET-ORDER", place, "the vertices do not ascend")
             if number in self._sets:
                 self._report.error("SET-DUPLICATE", place, f"the set {number} is there before")
+            # Samples compare the largest with the vertex count of the model.
             self._sets[number] = max(vertices, default=-1)
         else:
             self._check_sample(value, place)

@@ -186,6 +186,7 @@ def _as_executed(node: Mapping[str, Any], links: Mapping[Any, Any]) -> dict[str,
     values = _items(node.get("widgets_values"))
     kind = str(node.get("type", ""))
     texts = [value for value in values if isinstance(value, str)]
+    # In Python booleans are whole numbers as well.
     numbers = [value for value in values if isinstance(value, int) and not isinstance(value, bool)]
     if "Checkpoint" in kind and texts:
         inputs["ckpt_name"] = texts[0]

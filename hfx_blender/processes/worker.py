@@ -160,6 +160,7 @@ class Worker:
             else:
                 self.process.kill()
         self._unsent.put(None)
+        # Collects the exit code: otherwise a zombie process remains.
         threading.Thread(target=self.process.wait, daemon=True).start()
 
     def close(self, limit_s: float | None = None) -> None:
@@ -255,6 +256,8 @@ class Owner:
     def __init__(
         self, printed: int = STDERR, at_end: Callable[[], object] = lambda: os._exit(0)
     ) -> None:
+        # Copies of both pipes: prints by any library go to another descriptor, not between
+        # messages.
         self._out = os.fdopen(os.dup(_STDOUT), "wb")
         self._source = os.fdopen(os.dup(_STDIN), "rb")
         os.dup2(printed, _STDOUT)

@@ -66,6 +66,7 @@ def place_sensation(
         _check_recipe(effect, body)
     fps = fps_of(scene)
     created = []
+    # Several effects of a sensation share a group.
     is_alone = len(sensation.effects) == 1 or not sensation.name
     group = "" if is_alone else effects.free_group(scene, sensation.name)
     for recipe in sensation.effects:

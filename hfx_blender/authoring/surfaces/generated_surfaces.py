@@ -68,6 +68,7 @@ def _material(files: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Materia
         if part != "colour":
             image.colorspace_settings.is_data = True
             image.reload()  # applies the new colour space to the loaded pixels
+        # Packed, so that the .blend needs no further file.
         image.pack()
         node = nodes.new("ShaderNodeTexImage")
         node.image, node.label = image, part.title()

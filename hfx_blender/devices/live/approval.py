@@ -149,6 +149,7 @@ def approved() -> dict[str, str]:
     try:
         return _read()
     except InputError:
+        # Without a readable list no script is approved.
         return {}
 
 

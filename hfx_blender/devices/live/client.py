@@ -73,6 +73,7 @@ class LiveClient:
         self._numbers = 0
         self._gains: Mapping[int, float] = {}  # by device number, of the newest moment
         self.devices: dict[str, DeviceState] = {}
+        # Devices stop when Blender quits.
         atexit.register(self.close)
 
     def start(self) -> None:
@@ -153,6 +154,7 @@ class LiveClient:
             for state in self.devices.values()
         )
         body = encode_scene(SceneMessage(header, body_id, rendered))
+        # Unsent moments refer to the streams of the earlier scene.
         self.pipe.void(EVERY_DEVICE)
         self.pipe.places = {stream: k for k, stream in enumerate(header.streams)}
         self.pipe.send(MessageKind.SCENE, body=body)

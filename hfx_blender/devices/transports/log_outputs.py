@@ -153,6 +153,7 @@ class LogFile:
         rest = memoryview(content)
         try:
             while rest and self._fault is None:
+                # An unbuffered file may take a part at a time.
                 rest = rest[self._file.write(rest) :]
         except OSError as error:
             self._fault = error
@@ -195,6 +196,7 @@ def open_log(path: Path, is_ours: Callable[[bytes], bool] | None = None) -> int:
         try:
             _require_regular(path, os.fstat(descriptor))
             size = os.fstat(descriptor).st_size
+            # A copy, as the file object closes its descriptor.
             with os.fdopen(os.dup(descriptor), "rb") as file:
                 is_known = size <= MOST_BYTES and (not size or is_ours(file.read(MOST_BYTES)))
             if not is_known:

@@ -309,5 +309,6 @@ def _time_limits_ms(device: DeviceConfig) -> tuple[int, int]:
     if not kinds:
         return 0, 0
     longest_s = min(kind.maximum_on_s for kind in kinds)
+    # The smallest share of time on is the largest ratio of rest to time on.
     rest_s = longest_s * max(kind.rest_s / kind.maximum_on_s for kind in kinds)
     return max(int(longest_s * 1000.0), 1), max(math.ceil(rest_s * 1000.0), 1)

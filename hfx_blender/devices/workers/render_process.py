@@ -121,6 +121,7 @@ class RenderProcess:
         else:
             return
         self._questions, self._deadline_s = questions, self._clock.now() + limit_s
+        # An idle worker has read all earlier messages.
         self._worker.send(message(kind, body=body), is_awaited=True)
 
     # Called in the worker's reading thread.

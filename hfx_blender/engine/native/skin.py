@@ -95,6 +95,7 @@ def fill(
     first = table.starts[clusters]
     quads = table.quad_starts[first + table.unit_counts[clusters]] - table.quad_starts[first]
     cells = int((table.cell_starts[clusters + 1] - table.cell_starts[clusters]).max())
+    # Work space for the largest cluster.
     rooms = (
         *np.zeros((2, len(mesh.vertices)), np.int64),
         np.empty((int(quads.max()), _EXTENT)),
@@ -174,6 +175,7 @@ class BoundClusters:
     @cached_property
     def weight_counts(self) -> I64:
         """Number of skin weights of each cluster, (C,)."""
+        # Running sums, read at the last vertex of each cluster.
         ends = np.cumsum(np.diff(self._offsets)[self._members])
         counts: I64 = np.diff(ends[self._starts[1:] - 1], prepend=0)
         return counts
@@ -190,6 +192,7 @@ class BoundClusters:
         is_there, room = np.empty(self.bone_count, np.uint8), np.empty((self.bone_count, 6))
         arrays = is_there, room, starts, bones, low, high
         pair_count = loaded().hfx_bone_boxes(self.pointers, *arrays)
+        # Copies, so that the space for the most possible pairs is freed.
         return starts, bones[:pair_count].copy(), low[:pair_count].copy(), high[:pair_count].copy()
 
 

@@ -186,6 +186,7 @@ def fit_by_bones(
                 weights=_skin_weights_of(_mapped(model, boned, mapping).tocsr()),
                 anchors=SurfaceAnchors(
                     target.triangles[triangle].astype(np.int32),
+                    # Centres of the triangles: exact enough for pictures.
                     np.full((len(points), 3), 1.0 / 3.0),
                     np.zeros(len(points)),
                 ),

@@ -70,6 +70,7 @@ class SpatialMix:
         share = rest / denominator
         inside = row < self._rows
         row = np.minimum(row, max(self._rows - 1, 0))
+        # With the row after the last, for the interpolation.
         span = slice(int(row[0]), int(row[-1]) + 2)
         for voice in self._voices:
             if not voice.loudness[span].any():

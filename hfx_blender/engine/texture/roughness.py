@@ -149,6 +149,7 @@ def roughness_of_surface(
     Profiles of a tiling surface have five sampling lengths, else as many as fit (see
     :func:`roughness_of_profile`). Raises InputError for a surface too small for the cut-off.
     """
+    # Denser than the texels, so that slanted profiles skip none.
     spacing = 0.5 * min(field.texel_m)
     way = np.array([np.cos(direction_rad), np.sin(direction_rad)])
     full = (SAMPLING_LENGTHS + 2) * cutoff_m

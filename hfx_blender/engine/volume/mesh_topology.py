@@ -56,6 +56,7 @@ def _used(numbers: npt.NDArray[np.integer[Any]], count: int) -> tuple[I64, I64]:
     """Sorted unique ids below ``count``, and the index of each entry of ``numbers`` among them."""
     occurs = np.zeros(count, np.bool_)
     occurs[numbers] = True
+    # A running count of used ids is the position of each id.
     return np.flatnonzero(occurs), (np.cumsum(occurs) - 1)[numbers]
 
 
@@ -82,6 +83,7 @@ def _mended(vertices: F64, triangles: I32, name: str) -> tuple[F64, I32, str]:
     edge, uses, up = _edges(triangles)
     is_open = uses % 2 == 1
     notes: list[str] = []
+    # Edges of holes are unbalanced in any orientation, and are left to the caps.
     if _balance(edge, up)[~is_open].any():
         turned = _turns(triangles)
         triangles = np.where(turned[:, None], triangles[:, ::-1], triangles)

@@ -320,6 +320,7 @@ def _json_chunk(content: bytes, report: Report) -> bytes:
     # Chunks follow the head of 12 bytes: length, type, content, filled up to 4 bytes.
     text, at = b"", 12
     while at < len(content):
+        # The odd length 1 reports a chunk whose head is cut off.
         length, kind = struct.unpack_from("<II", content, at) if at + 8 <= len(content) else (1, 0)
         if length % 4 or at + 8 + length > len(content):
             report.error("CHUNK", None, f"a chunk at byte {at} does not fit")

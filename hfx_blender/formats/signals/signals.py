@@ -299,6 +299,7 @@ def mixed(
     sounding = [piece for piece in pieces if piece.end_s > piece.start_s]
     end_s = max([end_s, *(piece.end_s for piece in sounding)])
     bounds = [time for piece in sounding for time in (piece.start_s, piece.end_s)]
+    # At least a millisecond, as a curve needs a duration.
     times = np.unique(np.concatenate([[0.0, end_s or 1e-3], bounds, *_times_inside(sounding)]))
     spans = [np.searchsorted(times, (piece.start_s, piece.end_s)).tolist() for piece in sounding]
     together = sum(last - first for first, last in spans)
