@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Make the package ``dist/hfx.js``, with the core in it, and the page ``dist/garage.html``.
+"""Make the package ``dist/hfx.js``, with the core in it, and pages of one file.
+
+``dist/garage.html`` plays the garage of HFX's demo, and ``dist/board.html`` is the board of the map
+paper, on the phone that shows it.
 
 ``python players/web/build.py [FOLDER]`` needs the compiler of ``pip install ziglang``, and writes
 into FOLDER instead of ``dist`` if it is given.
@@ -14,6 +17,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 MODULES = ("core", "clip", "player", "bones", "body", "surface", "outputs", "loop")  # as imported
+PAGES = ("garage", "board")
 EXPORTS = """
 export {
   GamepadHaptics, HapticBody, HapticClip, HapticError, HapticLoop, HapticPlayer, HapticSurface,
@@ -31,8 +35,10 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     script = package()
     (folder / "hfx.js").write_text(script + EXPORTS, encoding="utf-8", newline="\n")
-    (folder / "garage.html").write_text(page(script), encoding="utf-8", newline="\n")
-    sys.stdout.write(f"{folder / 'hfx.js'}\n{folder / 'garage.html'}\n")
+    for name in PAGES:
+        text = page(name, script)
+        (folder / f"{name}.html").write_text(text, encoding="utf-8", newline="\n")
+    sys.stdout.write(f"{folder}: hfx.js, {', '.join(f'{name}.html' for name in PAGES)}\n")
 
 
 def package() -> str:
@@ -56,10 +62,10 @@ def compiled() -> bytes:
         return target.read_bytes()
 
 
-def page(script: str) -> str:
-    """Text of the garage's page, with the package and the clip in it."""
-    clip = (HERE.parent / "godot" / "garage" / "garage.hfxclip").read_bytes()
-    text = (HERE / "garage.html").read_text(encoding="utf-8")
+def page(name: str, script: str) -> str:
+    """Text of a page, with the package and a clip of the Godot samples in it."""
+    clip = (HERE.parent / "godot" / name / f"{name}.hfxclip").read_bytes()
+    text = (HERE / f"{name}.html").read_text(encoding="utf-8")
     text = text.replace("/* package */", script)
     return text.replace("CLIP_IN_BASE64", base64.b64encode(clip).decode())
 

@@ -246,8 +246,8 @@ export class HapticSurface implements HapticSource {
   touch(u: number, v: number, speedMmS?: number): void;
   /** Ends the touch, in silence. */
   release(): void;
-  /** Follows the pointer that is pressed on an element, whose area shows the map `repeat` times. Returns a function
-   * that ends it. */
+  /** Follows a pressed pointer on an element, whose area shows the map `repeat` times. Returns a function that
+   * ends it. */
   follow(element: HTMLElement, options?: { repeat?: [number, number] }): () => void;
   advance(seconds: number): Float32Array;
   silence(): Float32Array;

@@ -51,14 +51,15 @@ def test_clips_bodies_and_pulses_are_as_expected_in_a_browser(built: Path) -> No
     judged("node", WEB / "tests" / "browser.mjs", browser, built, CONFORMANCE)
 
 
-def test_the_core_needs_nothing_and_the_page_is_one_file(built: Path) -> None:
-    """The module has no imports, and the page names no other file or address."""
+def test_the_core_needs_nothing_and_each_page_is_one_file(built: Path) -> None:
+    """The module has no imports, and the pages name no other file or address."""
     script = (built / "hfx.js").read_text()
     size = len(re.search(r'const WASM = "([^"]+)"', script)[1]) * 3 // 4  # type: ignore[index]
     assert 20_000 < size < 80_000
     assert "import " not in script
-    page = (built / "garage.html").read_text()
-    assert not re.search(r"\b(?:src|href)=|https?://|\bimport\b", page)
+    pages = [path.read_text() for path in built.glob("*.html")]
+    assert len(pages) == 2
+    assert not any(re.search(r"\b(?:src|href)=|https?://|\bimport\b", page) for page in pages)
 
 
 def test_invalid_input_gives_one_sentence(built: Path) -> None:

@@ -45,7 +45,7 @@ export class HapticSurface {
   }
 
   /**
-   * Follows the pointer that is pressed on an element, whose area shows the map `repeat` times. Returns a
+   * Follows a pressed pointer on an element, whose area shows the map `repeat` times. Returns a
    * function that ends it.
    */
   follow(element, { repeat = [1, 1] } = {}) {
@@ -56,12 +56,18 @@ export class HapticSurface {
       if (u < 0 || u > 1 || v < 0 || v > 1) this.release();
       else this.touch(repeat[0] * u, repeat[1] * v);
     };
+    const begin = (event) => {
+      if (this.#pointer !== null || event.button > 0) return;
+      this.#pointer = event.pointerId;
+      place(event);
+    };
     const listeners = {
+      // Without the capture of fingers, one that leaves the element reaches its neighbours.
       pointerdown: (event) => {
-        if (this.#pointer !== null || event.button > 0) return;
-        this.#pointer = event.pointerId;
-        place(event);
+        if (element.hasPointerCapture?.(event.pointerId)) element.releasePointerCapture(event.pointerId);
+        begin(event);
       },
+      pointerenter: (event) => event.buttons & 1 && begin(event),
       pointermove: (event) => {
         if (event.pointerId !== this.#pointer) return;
         const events = event.getCoalescedEvents?.() ?? [];

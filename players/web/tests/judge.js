@@ -461,11 +461,8 @@ export async function judgeTypes(hfx, declarations, bytes, surfaces) {
   return result;
 }
 
-/**
- * Plays the page of the garage in a frame for 8 s, with a stub of navigator.vibrate: patterns begin after the
- * button is pressed, none lasts longer than its dead-man time, and the last of a stopped page is silence.
- */
-export async function judgeGarage(address) {
+/** A page in a frame with focus, and the patterns that it gives to a stub of navigator.vibrate. */
+async function opened(address) {
   const frame = document.createElement("iframe");
   const patterns = [];
   frame.src = address;
@@ -474,8 +471,52 @@ export async function judgeGarage(address) {
   const { contentDocument, contentWindow } = frame;
   contentDocument.hasFocus = () => true; // a browser without a window has none
   Object.defineProperty(contentWindow.navigator, "vibrate", { value: (pattern) => patterns.push([pattern].flat()) > 0 });
-  const wait = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
   await wait(300);
+  return { frame, patterns, contentDocument, contentWindow };
+}
+
+function wait(milliseconds) {
+  return new Promise((resolve) => setTimeout(resolve, milliseconds));
+}
+
+/**
+ * Strokes the board's page from its second square into the third, with a finger: both vibrate, and nothing does
+ * before and after.
+ */
+export async function judgeBoard(address) {
+  const { frame, patterns, contentDocument, contentWindow } = await opened(address);
+  const result = { compared: 0, wrong: [] };
+  const squares = [...contentDocument.querySelectorAll("#board div")];
+  if (squares.length !== 16) result.wrong.push(`the board has ${squares.length} squares`);
+  const point = (name, square, share, buttons = 1) => {
+    const { left, top, width, height } = square.getBoundingClientRect();
+    const place = { clientX: left + share * width, clientY: top + (0.3 + 0.4 * share) * height };
+    const event = { ...place, pointerId: 5, buttons, button: name === "pointerdown" ? 0 : -1, pointerType: "touch" };
+    square.dispatchEvent(new contentWindow.PointerEvent(name, event));
+  };
+  for (const [square, name] of [[squares[1], "pointerdown"], [squares[2], "pointerenter"]]) {
+    patterns.length = 0;
+    point(name, square, 0.05);
+    for (let share = 0.1; share < 1; share += 0.05) {
+      point("pointermove", square, share);
+      await wait(20);
+    }
+    result.compared += patterns.length;
+    if (!patterns.some((pattern) => pattern[0] > 0)) result.wrong.push(`${square.textContent} does not vibrate`);
+    point("pointerleave", square, 1, 0);
+  }
+  await wait(200);
+  if (String(patterns.at(-1)) !== "0") result.wrong.push("the board vibrates after the touch");
+  frame.remove();
+  return result;
+}
+
+/**
+ * Plays the page of the garage for 8 s: patterns begin after the button is pressed, none lasts longer than its
+ * dead-man time, and the last of a page without focus is silence.
+ */
+export async function judgeGarage(address) {
+  const { frame, patterns, contentDocument, contentWindow } = await opened(address);
   const result = { compared: 0, wrong: [] };
   if (patterns.length) result.wrong.push("the garage vibrates before its button is pressed");
   contentDocument.getElementById("play").click();
@@ -529,7 +570,6 @@ export async function judgeHeadset(hfx, three, iwer, bytes) {
       if (!isNear(found, planned)) result.wrong.push(`headset, ${side}: ${JSON.stringify(found)} instead of ${JSON.stringify(planned)}`);
     });
   });
-  const wait = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
   await wait(1500);
   if (frames < 10 || !(player.position > 0)) result.wrong.push(`the headset showed ${frames} frames`);
   headset.updateVisibilityState("visible-blurred");
