@@ -44,7 +44,11 @@ def test_the_godot_addon_plays_the_conformance_clips(tmp_path: Path) -> None:
     add_extension(project)
     start = [godot, "--headless", "--path", project]
     subprocess.run([*start, "--import"], check=True)
-    for script, folder in (("conformance", "."), ("body", "spatial"), ("surfaces", "surfaces")):
+    scripts = (
+        *(("conformance", "."), ("behaviour", "behaviour"), ("body", "spatial")),
+        *(("avatar", "spatial"), ("bones", "."), ("surfaces", "surfaces")),
+    )
+    for script, folder in scripts:
         expected = ["--script", f"tests/{script}.gd", "--", PLAYERS / "conformance" / folder]
         subprocess.run([*start, *expected], check=True)
 
