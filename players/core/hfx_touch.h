@@ -120,18 +120,20 @@ static inline double hfx_mean_speed(hfx_touch *touch, double seconds) {
   for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
     const float *weight = touch->weights + HFX_CHUNK * (size_t)k;
     hfx_chunk p, q;
-    int i, c;
+    const float *m = touch->volume.to_world;
+    float way[HFX_CHUNK];
+    int i;
     hfx_transform(touch->volume.to_shape, hfx_posed(touch, k), &p);
     hfx_transform(then, hfx_posed_before(touch, k), &q);
     for (i = 0; i < HFX_CHUNK; i++) {
       const float x = p.x[i] - q.x[i], y = p.y[i] - q.y[i], z = p.z[i] - q.z[i];
-      float way[3];
+      const float a = m[0] * x + m[1] * y + m[2] * z, b = m[4] * x + m[5] * y + m[6] * z;
+      const float d = m[8] * x + m[9] * y + m[10] * z;
+      way[i] = sqrtf(a * a + b * b + d * d);
+    }
+    for (i = 0; i < HFX_CHUNK; i++) {
       if (!(weight[i] > 0.0f)) continue;
-      for (c = 0; c < 3; c++) {
-        const float *row = touch->volume.to_world + 4 * c;
-        way[c] = row[0] * x + row[1] * y + row[2] * z;
-      }
-      sum += weight[i] * sqrt((double)way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
+      sum += weight[i] * way[i];
       weights += weight[i];
     }
   }

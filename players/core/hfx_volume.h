@@ -104,30 +104,42 @@ static inline int hfx_falloff_weights(const hfx_volume *volume, const float *gau
   return 1;
 }
 
-/* Way in the world from the nearest place of a volume, as before stretching, to a point outside. */
-static inline double hfx_distance(const hfx_volume *volume, const hfx_chunk *of, int i) {
-  const float p[3] = {of->x[i], of->y[i], of->z[i]};
-  float off[3] = {0.0f, 0.0f, 0.0f};
+/* Lengths in the world of the ways from the nearest place of a volume, as before stretching, to
+ * points outside. */
+static inline void hfx_distances_outside(const hfx_volume *volume, const hfx_chunk *of,
+                                         float *found) {
+  float m[12]; /* a copy, which `found` cannot change: vector instructions */
   const float half = volume->shape == 3 ? volume->half : 0.0f;
-  double sum = 0.0;
-  int c;
+  hfx_chunk off;
+  int i;
+  for (i = 0; i < 12; i++) m[i] = volume->to_world[i];
   if (volume->shape == 0) {
-    for (c = 0; c < 3; c++) off[c] = p[c] - (float)hfx_clamped(p[c], -1.0, 1.0);
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float x = fabsf(of->x[i]) - 1.0f, y = fabsf(of->y[i]) - 1.0f;
+      const float z = fabsf(of->z[i]) - 1.0f;
+      off.x[i] = x > 0.0f ? (of->x[i] > 0.0f ? x : -x) : 0.0f;
+      off.y[i] = y > 0.0f ? (of->y[i] > 0.0f ? y : -y) : 0.0f;
+      off.z[i] = z > 0.0f ? (of->z[i] > 0.0f ? z : -z) : 0.0f;
+    }
   } else {
-    const float along = volume->shape == 2 ? 0.0f : p[2] - (float)hfx_clamped(p[2], -half, half);
-    const double length = sqrt((double)p[0] * p[0] + (double)p[1] * p[1] + (double)along * along);
-    const double outside = length > 1.0 ? 1.0 - 1.0 / length : 0.0;
-    off[0] = (float)(p[0] * outside);
-    off[1] = (float)(p[1] * outside);
-    off[2] = volume->shape == 2 ? p[2] - (float)hfx_clamped(p[2], -1.0, 1.0)
-                                : (float)(along * outside);
+    const float end = volume->shape == 2 ? 1.0f : half; /* of a cylinder, or of the segment */
+    const float share = volume->shape == 2 ? 0.0f : 1.0f;
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float x = of->x[i], y = of->y[i], past = fabsf(of->z[i]) - end;
+      const float over = past > 0.0f ? (of->z[i] > 0.0f ? past : -past) : 0.0f;
+      const float round = share * over, length = sqrtf(x * x + y * y + round * round);
+      const float outside = length > 1.0f ? 1.0f - 1.0f / length : 0.0f;
+      off.x[i] = x * outside;
+      off.y[i] = y * outside;
+      off.z[i] = volume->shape == 2 ? over : over * outside;
+    }
   }
-  for (c = 0; c < 3; c++) {
-    const float *row = volume->to_world + 4 * c;
-    const double way = (double)row[0] * off[0] + (double)row[1] * off[1] + (double)row[2] * off[2];
-    sum += way * way;
+  for (i = 0; i < HFX_CHUNK; i++) {
+    const float x = m[0] * off.x[i] + m[1] * off.y[i] + m[2] * off.z[i];
+    const float y = m[4] * off.x[i] + m[5] * off.y[i] + m[6] * off.z[i];
+    const float z = m[8] * off.x[i] + m[9] * off.y[i] + m[10] * off.z[i];
+    found[i] = sqrtf(x * x + y * y + z * z);
   }
-  return sqrt(sum);
 }
 
 /* Sets a volume up; 0: its matrix is flat, and nothing is in it. */

@@ -31,7 +31,8 @@ PLATFORMS = {
     ),
     "android.arm64": (["aarch64-linux-android"], "libhfx_haptics.so", None, "Android", "ARM64"),
 }
-OPTIMIZED = "-std=c99 -O2 -fno-math-errno"  # without errno, square roots become vector instructions
+# Without errno and traps of numbers, square roots and choices become vector instructions.
+OPTIMIZED = "-std=c99 -O2 -fno-math-errno -fno-trapping-math"
 FLAGS = f"{OPTIMIZED} -Wall -Wextra -Werror -Wno-unused-function -fvisibility=hidden".split()
 
 # Functions of Android's libc.so and libm.so. zig has no libc of Android: the sources are compiled

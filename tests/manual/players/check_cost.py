@@ -20,12 +20,14 @@ from check_spatial import clip_of
 from core_library import compiled
 from walkers import walk
 
+OPTIMIZED = ("-fno-math-errno", "-fno-trapping-math")
+
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         source = (Path(__file__).parent / "cost.c").read_text(encoding="utf-8")
-        program = compiled(source, folder / "cost", "-std=c99", "-fno-math-errno")
+        program = compiled(source, folder / "cost", "-std=c99", *OPTIMIZED)
         for level, responds in ((0, False), (1, False), (2, False), (1, True)):
             for volumes in (1, 4, 12, 48):
                 created = walk(3, 1.0, volumes, responds=responds)
