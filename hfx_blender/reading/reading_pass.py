@@ -177,9 +177,9 @@ class ReadingPass:
         return on
 
     def _poses(self, frames: F64, is_posed: Bool, rows: list[SceneRow]) -> list[PoseBlock]:
-        """Pose blocks of all bodies by index: from F-curves at animation frames (T,) with
-        ``is_posed``, or from the rows. With impacts, F-curve bodies also get motion between samples
-        and keys."""
+        """Pose blocks of all bodies by index: of bodies moved by F-curves at animation frames (T,),
+        posed where the mask ``is_posed`` (T,) is True; of stepped bodies from their rows. With
+        impacts, F-curve bodies also get motion between samples and keys."""
         poses = {k: body.read(frames, is_posed) for k, body in self.plan.bodies.items()}
         if self._impacts:
             for k, body in self.plan.bodies.items():

@@ -81,8 +81,9 @@ class FeltTimes:
 
 
 def has_strength(run: SampleRun, is_contact: bool) -> Bool:
-    """Mask (n,) of samples with level and strength parameter above 0; of temperatures 0.001 degrees
-    or more off neutral (of touched objects if ``is_contact``, else of air)."""
+    """Mask (n,) of samples with a level above 0 and a strength: a strength parameter above 0, or a
+    temperature at least 0.001 degrees off neutral (of touched objects if ``is_contact``, else of
+    air)."""
     modality = MODALITIES[run.stream.modality]
     values = run.parameters[:, modality.parameter_names.index(modality.strength)]
     if modality.name == "temperature":

@@ -89,7 +89,8 @@ class SkinPaths:
         return self._skin.nearest(joined).place
 
     def traced(self, places: F64) -> tuple[F64, F64]:
-        """Path traced by hand, and the fraction of the path length at each given place, (n,).
+        """Path (P, 3) on the skin through places (n, 3) drawn by hand, in metres at rest, and the
+        fraction (n,) of the path length at each given place.
         Straight lines between the places are projected on the skin; repeated places are skipped."""
         path, knot_indices = [places[0]], [0]
         for a, b in _pairs(places, closed=False):

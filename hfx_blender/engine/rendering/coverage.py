@@ -104,8 +104,8 @@ class ActuatorCells:
         return dense
 
     def _reduce(self, dense: F32, statistic: Statistic) -> F64:
-        """Reduce dense weights (n, D), times factors, to gains (n, A) by their maximum or mean. 0
-        for an actuator without vertices."""
+        """Reduce dense weights (n, D), multiplied by the vertices' ``factors``, to gains (n, A) by
+        their maximum or mean. 0 for an actuator without vertices."""
         gains = np.zeros((len(dense), len(self.rows)))
         filled = np.flatnonzero(self.counts)  # reduceat has no identity for an empty row
         starts = (np.cumsum(self.counts) - self.counts)[filled]

@@ -295,8 +295,9 @@ class FocusPanning:
         self._side = -1.0 if is_mirrored else 1.0
 
     def gains(self, focus: F32) -> F64:
-        """Gains (n, A), 0..1, for spots (n, 4): centre in rest space and radius, m. A spot wider
-        than half a spacing has the largest gains over its disc; gains fade beyond the layout."""
+        """Gains (n, A), 0..1, for spots (n, 4): centre in rest space and radius, m. A spot with a
+        radius above half a spacing has the largest gains over its disc; gains fade beyond the
+        layout."""
         # A resting spot repeats its focus: distinct ones are rendered once.
         known, which = np.unique(focus.astype(np.float64), axis=0, return_inverse=True)
         places = known[:, :3] * [self._side, 1.0, 1.0]

@@ -145,7 +145,7 @@ class _Segments:
 
     def _neck(self, _side: str) -> tuple[F64, F64]:
         """Rotation and matrix of the neck from the torso's neck joint to the head's joint, both as
-        transformed; girth of the head."""
+        transformed, scaled across by the mean scale of the head."""
         # Neck joints differ among rigs; the adjacent skin of torso and head is reliable.
         start, end = self._c["neck"], self._c["head"]
         new_start = apply(self._matrix("torso"), start)
