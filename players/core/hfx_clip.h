@@ -66,7 +66,7 @@ static const struct {
     {"TEXT", 1},  {"TIME", 24}, {"DEVC", 32}, {"ACTR", 88}, {"COLM", 40},  {"ROWS", 4},
     {"VALU", 2},  {"CLIP", 24}, {"BODY", 24}, {"BONE", 72}, {"MODL", 24},  {"VERT", 24},
     {"WGHT", 4},  {"EFCT", 128}, {"FLTR", 32}, {"PNTD", 8},  {"REAC", 32}, {"RCHV", 8},
-    {"SURF", 24}, {"HMAP", 32}, {"TEXL", 4}};
+    {"SURF", 32}, {"HMAP", 32}, {"TEXL", 4}};
 
 /* Checks of one field of all records of a section. */
 enum hfx_check {
@@ -150,7 +150,9 @@ static const struct {
     {HFX_RCHV, 4, HFX_IS_SHARE, 0},
     {HFX_SURF, 0, HFX_IS_TEXT, 0},
     {HFX_SURF, 4, HFX_IS_INDEX, HFX_HMAP},
-    {HFX_SURF, 8, HFX_IS_FINITE, 4},
+    {HFX_SURF, 8, HFX_IS_FINITE, 6},
+    {HFX_SURF, 24, HFX_IS_COUNT, 0},
+    {HFX_SURF, 28, HFX_IS_COUNT, 0},
     {HFX_HMAP, 8, HFX_IS_FINITE, 2},
     {HFX_HMAP, 16, HFX_AT_MOST, 1},
     {HFX_HMAP, 20, HFX_IS_RANGE, HFX_TEXL},

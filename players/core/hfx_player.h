@@ -120,6 +120,7 @@ typedef struct hfx_surface { /* a haptic surface with its map */
   float lowest_hz, highest_hz;     /* at sharpness 0 and 1 */
   uint32_t columns, rows;
   float width_mm, height_mm; /* of the map: u, v = 0 to 1 */
+  float uv_width_mm, uv_height_mm; /* of 1 in the object's texture coordinates; 0: it has none */
   int tiles;                 /* 1: the map repeats beyond 0 to 1; 0: its border continues */
 } hfx_surface;
 
@@ -198,7 +199,8 @@ typedef struct hfx_stroke { /* of one finger or pointer; begins as zeros */
 
 /* Vibration of a finger that has moved to (u, v) since the last call, `seconds` ago: out[0] peak
  * amplitude in m/s^2, out[1] frequency in Hz, of the strongest texel on the path. u and v are
- * shares of the map's width and height from its lower left corner, beyond 0 to 1 too.
+ * shares of the map's width and height from its lower left corner, beyond 0 to 1 too: texture
+ * coordinates of the object, V upwards, times uv_width_mm / width_mm and the same of the heights.
  * `speed_mm_s` is the speed relative to the material; below 0: that of the path. At most 0.1 mm/s
  * is rest, with amplitude 0, and so is the first call of a touch. Where u or v is no number, or
  * beyond +-1,000,000, nothing is touched. 0, or HFX_ERROR_INDEX and silence. */

@@ -25,6 +25,8 @@ HFX_API int hfx_clip_surface(const hfx_clip *clip, uint32_t index, hfx_surface *
   found->highest_m_s2 = hfx_f32(at + 12);
   found->lowest_hz = hfx_f32(at + 16);
   found->highest_hz = hfx_f32(at + 20);
+  found->uv_width_mm = hfx_f32(at + 24);
+  found->uv_height_mm = hfx_f32(at + 28);
   found->columns = hfx_u32(map);
   found->rows = hfx_u32(map + 4);
   found->width_mm = hfx_f32(map + 8);

@@ -93,6 +93,9 @@ export interface Surface {
   rows: number;
   widthMm: number;
   heightMm: number;
+  /** Of 1 in the object's texture coordinates; 0: it has none. */
+  uvWidthMm: number;
+  uvHeightMm: number;
   /** Whether the map repeats beyond its border. */
   tiles: boolean;
   /** Peak amplitude at intensity 0 and 1, m/s². */

@@ -68,8 +68,8 @@ def write_small_clip(folder: Path, name: str = "walk") -> Path:
         "RCHV": records("RCHV", [(k, 1.0) for k in range(10)] + [(k, 0.5) for k in range(5)]),
         "SURF": records(
             "SURF",
-            [(text("Tiles"), 0, (0.5, 9.0), (80.0, 260.0)),
-             (text("Edge"), 1, (0.0, 4.0), (50.0, 50.0))],
+            [(text("Tiles"), 0, (0.5, 9.0), (80.0, 260.0), (20.0, 8.0)),
+             (text("Edge"), 1, (0.0, 4.0), (50.0, 50.0), (0.0, 0.0))],
         ),
         "HMAP": records(
             "HMAP", [(5, 4, (10.0, 8.0), 1, 0, 20, 0), (1, 6, (1.0, 9.0), 0, 20, 6, 0)]

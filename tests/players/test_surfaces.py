@@ -46,7 +46,7 @@ TEXELS = (
     *(texel(0.75, 153), texel(0.5, 204), texel(1.0, 255), texel(0.1, 0)),
 )
 SURFACE = {
-    "SURF": struct.pack("<2I4f", TOUCH, 0, 2.0, 10.0, 80.0, 335.0),
+    "SURF": struct.pack("<2I6f", TOUCH, 0, 2.0, 10.0, 80.0, 335.0, 80.0, 20.0),
     "HMAP": struct.pack("<2I2f4I", 4, 2, 40.0, 20.0, 1, 0, 8, 0),
     "TEXL": struct.pack("<8I", *TEXELS),
 }
@@ -119,10 +119,11 @@ def test_only_the_end_of_a_path_over_many_tiles_counts() -> None:
 
 
 HOSTILE = {
-    "SURF[0].map": {"SURF": struct.pack("<2I4f", TOUCH, 1, 2.0, 10.0, 80.0, 335.0)},
-    "SURF[0].m_s2": {"SURF": struct.pack("<2I4f", TOUCH, 0, 11.0, 10.0, 80.0, 335.0)},
-    "SURF[0].hz": {"SURF": struct.pack("<2I4f", TOUCH, 0, 2.0, 10.0, -1.0, 335.0)},
-    "SURF[0].name": {"SURF": struct.pack("<2I4f", len(TEXT), 0, 2.0, 10.0, 80.0, 335.0)},
+    "SURF[0].map": {"SURF": struct.pack("<2I6f", TOUCH, 1, 2.0, 10.0, 80.0, 335.0, 0.0, 0.0)},
+    "SURF[0].m_s2": {"SURF": struct.pack("<2I6f", TOUCH, 0, 11.0, 10.0, 80.0, 335.0, 0.0, 0.0)},
+    "SURF[0].hz": {"SURF": struct.pack("<2I6f", TOUCH, 0, 2.0, 10.0, -1.0, 335.0, 0.0, 0.0)},
+    "SURF[0].uv_mm": {"SURF": struct.pack("<2I6f", TOUCH, 0, 2.0, 10.0, 80.0, 335.0, -1.0, 0.0)},
+    "SURF[0].name": {"SURF": struct.pack("<2I6f", len(TEXT), 0, 2.0, 10.0, 80.0, 335.0, 0.0, 0.0)},
     "HMAP[0].columns": {"HMAP": struct.pack("<2I2f4I", 0, 2, 40.0, 20.0, 1, 0, 8, 0)},
     "HMAP[0].texels": {"HMAP": struct.pack("<2I2f4I", 4, 3, 40.0, 20.0, 1, 0, 8, 0)},
     "HMAP.texels": {"HMAP": struct.pack("<2I2f4I", 3, 2, 40.0, 20.0, 1, 0, 6, 0)},
@@ -197,6 +198,7 @@ def test_an_export_has_each_map_once_with_the_effects_amplitude(tmp_path: Path) 
     layers = np.array([[0.0, 0.2], [0.4, 0.1]], np.float32), np.full((2, 2), 0.6, np.float32)
     haptic_map = HapticMap(*layers, (1e-3, 2e-3), tiles=False, device=device)
     pad = surface_of(haptic_map)
+    pad = replace(pad, area=replace(pad.area, uv_m=(0.01, 0.02)))
     height = HeightField(np.zeros((2, 2)), (1e-3, 1e-3))
     textile = replace(
         pad,
@@ -221,6 +223,7 @@ def test_an_export_has_each_map_once_with_the_effects_amplitude(tmp_path: Path) 
     # Level 0.5 of 8 m/s^2; from 0.5 g of 2 g up, and 0.4 of the way to all of it.
     assert sections["SURF"]["m_s2"][0] == pytest.approx([1.0, 1.0 + 0.4 * 3.0])
     assert sections["SURF"]["hz"][1].tolist() == [100.0, 200.0]
+    assert sections["SURF"]["uv_mm"][1] == pytest.approx([10.0, 20.0])
     assert sections["HMAP"]["mm"][0] == pytest.approx([2.0, 4.0])
     assert (sections["TEXL"] >> 8).tolist() == [0, round(FULL / 2), FULL, round(FULL / 4)]
     assert set((sections["TEXL"] & 255).tolist()) == {153}

@@ -77,7 +77,7 @@ _REAL: Final[dict[str, dict[str, tuple[float, float]]]] = {
     "PNTD": {"weight": (0.0, 1.0)},
     "REAC": {"frequency_hz": (0.0, _HUGE)},
     "RCHV": {"factor": (0.0, 1.0)},
-    "SURF": {"m_s2": (0.0, _HUGE), "hz": (0.0, _HUGE)},
+    "SURF": {"m_s2": (0.0, _HUGE), "hz": (0.0, _HUGE), "uv_mm": (0.0, _HUGE)},
     "HMAP": {"mm": (0.0, _HUGE)},
 }
 """Lowest and highest value of floating-point fields; finite otherwise."""

@@ -82,7 +82,7 @@ RECORDS: Final[dict[str, np.dtype[Any]]] = {
         *("first_reached", "reached"),
     ),
     "RCHV": _record("vertex", "factor:f4"),
-    "SURF": _record("name", "map", "m_s2:f4*2", "hz:f4*2"),
+    "SURF": _record("name", "map", "m_s2:f4*2", "hz:f4*2", "uv_mm:f4*2"),
     "HMAP": _record("columns", "rows", "mm:f4*2", "tiles", "first_texel", "texels", "reserved"),
     "TEXL": np.dtype("<u4"),
 }

@@ -41,7 +41,8 @@ def sections_of(
         low, high = (g / device.amplitude_g[1] for g in device.amplitude_g)
         full_m_s2 = float(state["level"]) * float(state["parameters"][0])
         range_m_s2 = full_m_s2 * low, full_m_s2 * (low + strongest * (high - low))
-        rows.append((texts.add(effect.name), maps[key][0], range_m_s2, device.frequency_hz))
+        uv_mm = [1e3 * length for length in effect.area.uv_m]
+        rows.append((texts.add(effect.name), maps[key][0], range_m_s2, device.frequency_hz, uv_mm))
     return {
         "SURF": records("SURF", rows),
         "HMAP": records("HMAP", [record for _, record, _ in maps.values()]),

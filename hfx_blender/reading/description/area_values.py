@@ -112,8 +112,10 @@ def surface_area(
         # the mesh gives the scale.
         coordinates = charts.uv * tile_m
     else:
+        tile_m = [0.0, 0.0]
         coordinates = surface_uv.projected(mesh, effect.name, world) * unit_m
-    return HapticSurface(mesh_arrays.triangles(mesh), coordinates, texture)
+    uv_m = float(tile_m[0]), float(tile_m[1])
+    return HapticSurface(mesh_arrays.triangles(mesh), coordinates, texture, uv_m=uv_m)
 
 
 class SurfaceVertices:

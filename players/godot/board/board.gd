@@ -12,6 +12,7 @@ const COLOURS := {
 const COUNT := 4
 
 var _squares: Array[ColorRect] = []
+var _repeats: Array[Vector2] = []  # of the maps on the squares, to scale
 
 
 func _ready() -> void:
@@ -22,6 +23,9 @@ func _ready() -> void:
 		square.mouse_filter = MOUSE_FILTER_IGNORE
 		add_child(square)
 		_squares.append(square)
+		_repeats.append(
+			Vector2(found.uv_width_mm / found.width_mm, found.uv_height_mm / found.height_mm)
+		)
 	resized.connect(_arrange)
 	_arrange()
 	$Surface.felt.connect(_show)
@@ -31,10 +35,12 @@ func _ready() -> void:
 func _input(event: InputEvent) -> void:
 	if not (event is InputEventMouse or event is InputEventScreenTouch or event is InputEventScreenDrag):
 		return
-	for square in _squares:
-		if square.get_global_rect().has_point(event.position):
-			$Surface.surface = square.name
-			$Surface.touch_event(event, square.get_global_rect())
+	for k in _squares.size():
+		var area := _squares[k].get_global_rect()
+		if area.has_point(event.position):
+			$Surface.surface = _squares[k].name
+			$Surface.repeat = _repeats[k]
+			$Surface.touch_event(event, area)
 			return
 	$Surface.release()
 

@@ -101,6 +101,12 @@ func _plane(clip: HapticClip) -> void:
 	other.feel(0.5, 0.25, -1.0, FRAME_S)
 	var expected := other.feel(1.5, 0.75, -1.0, FRAME_S).x
 	_check(expected > 0.0 and absf(_felt[-1] - expected) < 0.05, "a hit is felt: %s" % [_felt])
+	# The materials have no texture coordinates here: as shares of the map, repeated.
+	node.release()
+	for at in [Vector2(0.25, 0.25), Vector2(0.75, 0.75)]:
+		node.touch_texture(at)
+		node._process(FRAME_S)
+	_check(absf(_felt[-1] - expected) < 0.05, "texture coordinates are felt: %s" % [_felt])
 	node.release()
 	_check(_felt[-1] == 0.0, "released")
 	node.free()

@@ -98,7 +98,7 @@ namespace Hfx.Haptics
             { "TEXT", 1 }, { "TIME", 24 }, { "DEVC", 32 }, { "ACTR", 88 }, { "COLM", 40 },
             { "ROWS", 4 }, { "VALU", 2 }, { "CLIP", 24 },
             { "BODY", 24 }, { "BONE", 72 }, { "MODL", 24 }, { "VERT", 24 }, { "WGHT", 4 }, { "EFCT", 128 },
-            { "SURF", 24 }, { "HMAP", 32 }, { "TEXL", 4 },
+            { "SURF", 32 }, { "HMAP", 32 }, { "TEXL", 4 },
         };
 
         readonly byte[] bytes;
@@ -316,6 +316,7 @@ namespace Hfx.Haptics
                 Name = Text(at), Columns = Index(map, 65536, "columns"), Rows = Index(map + 4, 65536, "rows"),
                 WidthMm = F32(map + 8), HeightMm = F32(map + 12), Tiles = U32(map + 16) == 1,
                 LowestAmplitude = F32(at + 8), HighestAmplitude = F32(at + 12), LowestHz = F32(at + 16), HighestHz = F32(at + 20),
+                UvWidthMm = F32(at + 24), UvHeightMm = F32(at + 28),
                 Texels = parts["TEXL"].Offset + 4 * Index(map + 20, parts["TEXL"].Count, "texel"),
             };
             long texels = (long)found.Columns * found.Rows;

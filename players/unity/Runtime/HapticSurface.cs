@@ -22,7 +22,7 @@ namespace Hfx.Haptics
         [SerializeField] HapticClipAsset clip;
         /// <summary>Name of the surface in the clip; empty: its first.</summary>
         [SerializeField] string surface = "";
-        /// <summary>How often the map stands side by side in texture coordinates from 0 to 1.</summary>
+        /// <summary>How often the map stands side by side from 0 to 1 of a place, or in an area of the screen.</summary>
         [SerializeField] Vector2 repeat = new Vector2(1.0f, 1.0f);
         [SerializeField, Range(0.0f, 4.0f)] float gain = 1.0f;
         /// <summary>The controller of a headset that plays.</summary>
@@ -75,13 +75,18 @@ namespace Hfx.Haptics
         }
 
         /// <summary>
-        /// Something touches the surface at texture coordinates, the map's lower left corner being (0, 0).
+        /// Something touches the surface at shares of the map's width and height from its lower left corner.
         /// </summary>
         /// <param name="speed">Relative to the material, mm/s; below 0: that of the path.</param>
         public void Touch(Vector2 uv, float speed = -1.0f)
         {
+            Move(uv.x * repeat.x, uv.y * repeat.y, speed);
+        }
+
+        void Move(float u, float v, float speed)
+        {
             if (!Prepare() || isAway) return;
-            stroke.Feel(uv.x * repeat.x, uv.y * repeat.y, speed, waited);
+            stroke.Feel(u, v, speed, waited);
             // Several places in one frame: the strongest of them plays.
             if (waited > 0.0f || stroke.Amplitude >= Amplitude)
             {
@@ -92,8 +97,19 @@ namespace Hfx.Haptics
             waited = 0.0f;
         }
 
-        /// <summary>A ray of the game has hit the object: its collider has to be a mesh collider.</summary>
-        public void Touch(RaycastHit hit) { Touch(hit.textureCoord); }
+        /// <summary>
+        /// A ray of the game has hit the object: its collider has to be a mesh collider. The map is to scale, as in
+        /// Blender, where the object of the scene has texture coordinates.
+        /// </summary>
+        public void Touch(RaycastHit hit)
+        {
+            if (!Prepare()) return;
+            Surface found = stroke.Surface;
+            Vector2 uv = hit.textureCoord;
+            if (found.UvWidthMm > 0.0f && found.UvHeightMm > 0.0f)
+                Move(uv.x * found.UvWidthMm / found.WidthMm, uv.y * found.UvHeightMm / found.HeightMm, -1.0f);
+            else Touch(uv);
+        }
 
         /// <summary>A pointer touches an area of the screen, in its coordinates; beyond it, it releases.</summary>
         public void Touch(Vector2 point, Rect area)
@@ -107,7 +123,7 @@ namespace Hfx.Haptics
         {
             RaycastHit hit;
             bool hits = collider.Raycast(ray, out hit, distance);
-            if (hits) Touch(hit.textureCoord);
+            if (hits) Touch(hit);
             else Release();
             return hits;
         }

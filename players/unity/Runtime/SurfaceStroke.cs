@@ -10,6 +10,8 @@ namespace Hfx.Haptics
         public int Columns, Rows;
         /// <summary>Size of the map: u and v from 0 to 1.</summary>
         public float WidthMm, HeightMm;
+        /// <summary>Size of 1 in the texture coordinates of the object in the scene; 0: it has none.</summary>
+        public float UvWidthMm, UvHeightMm;
         /// <summary>Whether the map repeats beyond 0 to 1; else its border goes on.</summary>
         public bool Tiles;
         /// <summary>At intensity just above 0, and at 1.</summary>

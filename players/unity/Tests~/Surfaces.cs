@@ -113,13 +113,17 @@ static class Surfaces
         {
             Physics.before = GameObject.Find(each.Name).GetComponent<Collider>();
             UnityEngine.Input.isPressed = true;
+            SurfaceStroke same = new SurfaceStroke(asset.Clip) { Surface = each };
+            float across = each.UvWidthMm / each.WidthMm, up = each.UvHeightMm / each.HeightMm;
             for (int k = 0; k < 3; k++)
             {
                 UnityEngine.Input.mousePosition = new Vector3(0.2f + 0.3f * k, 0.5f, 0.0f);
                 GameObject.Call(board, "Update");
                 GameObject.Call(surface, "LateUpdate");
+                same.Feel((0.2f + 0.3f * k) * across, 0.5f * up, -1.0, 0.01);
             }
             Check(surface.Surface == each.Name && surface.Amplitude > 0.0f, each.Name + " is felt");
+            Check(Math.Abs(surface.Amplitude - same.Amplitude) < 1e-3 * same.Amplitude, each.Name + " is to scale");
         }
         UnityEngine.Input.isPressed = false;
         GameObject.Call(board, "Update");

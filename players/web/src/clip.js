@@ -155,13 +155,15 @@ export class HapticClip {
       heightMm: of.f32(at + 12),
       tiles: of.u32(at + 16) === 1,
     }));
-    this.surfaces = of.records("SURF", 24, (at) => ({
+    this.surfaces = of.records("SURF", 32, (at) => ({
       name: of.text(at),
       ...maps[of.u32(at + 4)],
       lowestMS2: of.f32(at + 8),
       highestMS2: of.f32(at + 12),
       lowestHz: of.f32(at + 16),
       highestHz: of.f32(at + 20),
+      uvWidthMm: of.f32(at + 24),
+      uvHeightMm: of.f32(at + 28),
     }));
   }
 

@@ -11,7 +11,7 @@ const MAGIC := "48465843 4c49500a"
 const VERSION := 1
 const SIZES := {
 	"TEXT": 1, "TIME": 24, "DEVC": 32, "ACTR": 88, "COLM": 40, "ROWS": 4, "VALU": 2, "CLIP": 24,
-	"BODY": 24, "BONE": 72, "EFCT": 128, "SURF": 24, "HMAP": 32, "TEXL": 4,
+	"BODY": 24, "BONE": 72, "EFCT": 128, "SURF": 32, "HMAP": 32, "TEXL": 4,
 }
 const MODALITIES: PackedStringArray = ["vibration", "pressure", "temperature", "wind"]
 const SHAPES: PackedStringArray = ["cuboid", "sphere", "cylinder", "capsule"]
@@ -142,7 +142,7 @@ func get_effects() -> Array[Dictionary]:
 
 
 ## Haptic surfaces: name, columns, rows, width_mm, height_mm, tiles, lowest_m_s2, highest_m_s2,
-## lowest_hz, highest_hz, and texels, the byte of the first texel.
+## lowest_hz, highest_hz, uv_width_mm and uv_height_mm (of 1 in texture coordinates; 0: none), and texels, the byte of the first texel.
 func get_surfaces() -> Array[Dictionary]:
 	_read()
 	var found: Array[Dictionary] = []
@@ -163,6 +163,8 @@ func get_surfaces() -> Array[Dictionary]:
 			"highest_m_s2": bytes.decode_float(at + 12),
 			"lowest_hz": bytes.decode_float(at + 16),
 			"highest_hz": bytes.decode_float(at + 20),
+			"uv_width_mm": bytes.decode_float(at + 24),
+			"uv_height_mm": bytes.decode_float(at + 28),
 			"texels": _at("TEXL", bytes.decode_u32(map + 20)),
 		})
 	return found

@@ -5,7 +5,7 @@ class_name HapticSurface
 extends HapticSource
 ## A haptic surface of a clip: vibrates under a finger, a pointer or a controller that moves over it.
 ##
-## Call [method touch], [method touch_at] or [method touch_event] with each place, and
+## Call [method touch], [method touch_texture], [method touch_at] or [method touch_event] with each place, and
 ## [method release] as the touch ends. Each frame the strongest texel on the path since the last
 ## frame plays; a resting finger feels nothing. It plays on [member controller] and on the phone;
 ## [HapticOutput] takes it as one of its sources.
@@ -86,6 +86,16 @@ func _process(delta: float) -> void:
 ## left corner, beyond 0 to 1, too. Speed relative to the material, mm/s; below 0: that of the path.
 func touch(uv: Vector2, speed_mm_s := -1.0) -> void:
 	_places.append_array([uv.x, uv.y, speed_mm_s])
+
+
+## Something touches the object of the scene at its texture coordinates: to scale, as in Blender. V is
+## upwards: Vector2(x, 1 - y) of a glTF file's.
+func touch_texture(uv: Vector2, speed_mm_s := -1.0) -> void:
+	_find()
+	if _found.is_empty():
+		return
+	var scale := Vector2(_found.uv_width_mm / _found.width_mm, _found.uv_height_mm / _found.height_mm)
+	touch(uv * scale if scale.x > 0.0 and scale.y > 0.0 else uv * repeat, speed_mm_s)
 
 
 ## Something touches a mesh of the class QuadMesh or PlaneMesh at a point of the world.
