@@ -73,7 +73,6 @@ func _check_modifiers() -> void:
 	for bone in skeleton.get_parentless_bones():
 		skeleton.set_bone_pose_position(bone, -FAR)
 	await process_frame
-	await process_frame
 	_is("a volume on a bone is where it is drawn", _values[0] > 8.0, true)
 	_free([body, skeleton])
 

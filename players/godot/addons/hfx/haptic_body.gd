@@ -322,9 +322,10 @@ func _place_volumes() -> void:
 			var number: int = _core.add_volume(effect)
 			if number < 0:
 				continue
-			volume = {"number": number, "effect": effect, "is_late": node.is_on_bone()}
+			volume = {"number": number, "effect": effect}
 			_volumes[id] = volume
 		volume.frame = _frame
+		volume.is_late = node.is_on_bone
 		_core.set_volume(volume.number, rows_of(node.global_transform * TO_GODOT))
 		_core.trigger(volume.number, node.level if node.is_visible_in_tree() else 0.0)
 	for id in _volumes.keys():

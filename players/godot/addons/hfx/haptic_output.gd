@@ -89,7 +89,10 @@ static func _actuators_of(clip: HapticClip, id: String) -> Array[Dictionary]:
 func _strongest(actuator: Dictionary, clip: HapticClip, id: String) -> PackedFloat32Array:
 	var farthest := -1.0
 	var values := PackedFloat32Array()
-	for source in _felt:
+	for source in _felt.keys():
+		if not is_instance_valid(source):
+			_felt.erase(source)
+			continue
 		var same := actuator
 		if source.clip != clip:  # a clip that has the actuator elsewhere, if at all
 			same = {}

@@ -28,8 +28,17 @@ const GROUP := &"haptic_volumes"
 		update_gizmos()
 
 
+## Whether the node hangs on a bone, which moves when the skeletons have been updated.
+var is_on_bone := false
+
+
 func _enter_tree() -> void:
 	add_to_group(GROUP)
+	is_on_bone = false
+	var node := get_parent()
+	while node != null and not is_on_bone:
+		is_on_bone = node is BoneAttachment3D
+		node = node.get_parent()
 
 
 func _validate_property(property: Dictionary) -> void:
@@ -47,16 +56,6 @@ func _get_configuration_warnings() -> PackedStringArray:
 	if names.is_empty() or effect in names:
 		return []
 	return ["No clip has a volume '%s', but: %s." % [effect, ", ".join(names)]]
-
-
-## Whether the node hangs on a bone, which moves when the skeletons have been updated.
-func is_on_bone() -> bool:
-	var node := get_parent()
-	while node != null:
-		if node is BoneAttachment3D:
-			return true
-		node = node.get_parent()
-	return false
 
 
 ## Volume effects of the clips of this scene's bodies; without a body, of all clips of the project.
