@@ -9,6 +9,7 @@ namespace Hfx.Haptics
     /// </summary>
     public sealed class ClipPlayer
     {
+        const double LongestStep = 0.5; // seconds of an animation
         const double Early = 1e-6; // of a row: times of frames are sums, and rounded
 
         readonly double[] factors; // of each column
@@ -133,6 +134,32 @@ namespace Hfx.Haptics
             }
             shownRow = now;
             foreach (Actuator actuator in Clip.Actuators) Strongest(actuator, first, until, again, last, values);
+        }
+
+        /// <summary>
+        /// Goes to where an animation is that what plays belongs to. What lies between is felt; a step back, or one of
+        /// more than half a second, is a jump.
+        /// </summary>
+        /// <param name="seconds">From the beginning of what plays.</param>
+        /// <param name="loopSeconds">Length of an animation that loops; 0: it does not.</param>
+        /// <param name="values">One value for each column, in its unit.</param>
+        public void Follow(double seconds, double loopSeconds, float[] values)
+        {
+            double length = end - start, passed = start + Positive(seconds) - Position;
+            loops = length > 0.0 && Math.Abs(loopSeconds - length) < 0.001 * length; // else it ends before or with the animation
+            if (loops && passed < 0.0) passed += length; // it has begun again
+            if (!IsPlaying && passed >= 0.0) // it is over before the animation is
+            {
+                Neutral(values);
+                return;
+            }
+            IsPlaying = length > 0.0;
+            if (passed < 0.0 || passed > LongestStep)
+            {
+                Seek(start + Positive(seconds));
+                passed = 0.0;
+            }
+            Advance(passed, values);
         }
 
         /// <summary>What each column gives while nothing is felt.</summary>

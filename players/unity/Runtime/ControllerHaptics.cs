@@ -5,7 +5,8 @@ using UnityEngine.XR;
 namespace Hfx.Haptics
 {
     /// <summary>
-    /// Plays the vibrations of a haptic player, of a haptic body, or of both on the two controllers of a headset.
+    /// Plays the vibrations of haptic players and bodies on the two controllers of a headset. An avatar that feels
+    /// several clips has a haptic body for each.
     /// Actuators worn on the left go to the left controller, those on the right to the right one; of several the
     /// strongest counts.
     /// </summary>
@@ -14,6 +15,8 @@ namespace Hfx.Haptics
     {
         [SerializeField] HapticPlayer player;
         [SerializeField] HapticBody body;
+        [SerializeField] HapticPlayer[] furtherPlayers = new HapticPlayer[0];
+        [SerializeField] HapticBody[] furtherBodies = new HapticBody[0];
         /// <summary>Id of a device in the clip (say oculus_touch, with or without its side); empty: all devices.</summary>
         [SerializeField] string device = "";
 
@@ -50,15 +53,54 @@ namespace Hfx.Haptics
             }
         }
 
+        public HapticPlayer[] FurtherPlayers
+        {
+            get { return furtherPlayers; }
+            set
+            {
+                bool wasListening = isListening;
+                Listen(false);
+                furtherPlayers = value ?? new HapticPlayer[0];
+                Listen(wasListening);
+            }
+        }
+
+        public HapticBody[] FurtherBodies
+        {
+            get { return furtherBodies; }
+            set
+            {
+                bool wasListening = isListening;
+                Listen(false);
+                furtherBodies = value ?? new HapticBody[0];
+                Listen(wasListening);
+            }
+        }
+
         void OnEnable() { Listen(true); }
 
         void Listen(bool listen)
         {
-            if (player != null && isListening) player.ValuesChanged -= OfPlayer;
-            if (body != null && isListening) body.ValuesChanged -= OfBody;
+            if (listen == isListening) return;
             isListening = listen;
-            if (player != null && listen) player.ValuesChanged += OfPlayer;
-            if (body != null && listen) body.ValuesChanged += OfBody;
+            Listen(player, listen);
+            Listen(body, listen);
+            foreach (HapticPlayer each in furtherPlayers) Listen(each, listen);
+            foreach (HapticBody each in furtherBodies) Listen(each, listen);
+        }
+
+        void Listen(HapticPlayer to, bool listen)
+        {
+            if (to == null) return;
+            to.ValuesChanged -= OfPlayer;
+            if (listen) to.ValuesChanged += OfPlayer;
+        }
+
+        void Listen(HapticBody to, bool listen)
+        {
+            if (to == null) return;
+            to.ValuesChanged -= OfBody;
+            if (listen) to.ValuesChanged += OfBody;
         }
 
         void OnDisable()
@@ -75,10 +117,22 @@ namespace Hfx.Haptics
         void Play()
         {
             Pulse left = new Pulse(), right = new Pulse();
-            if (player != null && player.Values != null) Add(player.Clip, player.Values, ref left, ref right);
-            if (body != null && body.Values != null) Add(body.Clip, body.Values, ref left, ref right);
+            Add(player, ref left, ref right);
+            Add(body, ref left, ref right);
+            foreach (HapticPlayer each in furtherPlayers) Add(each, ref left, ref right);
+            foreach (HapticBody each in furtherBodies) Add(each, ref left, ref right);
             Send(XRNode.LeftHand, left, ref isLeftOn);
             Send(XRNode.RightHand, right, ref isRightOn);
+        }
+
+        void Add(HapticPlayer of, ref Pulse left, ref Pulse right)
+        {
+            if (of != null && of.Values != null) Add(of.Clip, of.Values, ref left, ref right);
+        }
+
+        void Add(HapticBody of, ref Pulse left, ref Pulse right)
+        {
+            if (of != null && of.Values != null) Add(of.Clip, of.Values, ref left, ref right);
         }
 
         void Add(HapticClip clip, float[] values, ref Pulse left, ref Pulse right)

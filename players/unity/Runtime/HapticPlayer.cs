@@ -20,8 +20,16 @@ namespace Hfx.Haptics
         /// <summary>Seconds of the clip in a second of the game; 0 stands still.</summary>
         [SerializeField, Range(0.0f, 4.0f)] float speed = 1.0f;
 
+        /// <summary>
+        /// Plays in step with the state of this animator, wherever it plays, jumps or stops: the named clip of the
+        /// state's name, else the whole clip. Play, Seek, Loop and Speed have no effect then.
+        /// </summary>
+        [SerializeField] Animator follow;
+        [SerializeField] int followedLayer;
+
         ClipPlayer player;
         float[] values;
+        int followed; // hash of the animator's state; 0: none
         bool isLooping; // as last given to the player
         bool isHeld, isUnfocused, isPaused; // by the game; the application has lost its focus, is paused
 
@@ -48,6 +56,17 @@ namespace Hfx.Haptics
         /// <summary>Seconds from the beginning of the clip; where it has ended by itself, its end.</summary>
         public double Position { get { return player != null ? player.Position : 0.0; } }
         public float Gain { get { return gain; } set { gain = value; } }
+        /// <summary>The animator that is followed; null: none.</summary>
+        public Animator Follow
+        {
+            get { return follow; }
+            set
+            {
+                Stop();
+                follow = value;
+            }
+        }
+        public int FollowedLayer { get { return followedLayer; } set { followedLayer = value; } }
         public float Speed { get { return speed; } set { speed = value; } }
         /// <summary>Whether the whole clip loops; set while a named clip plays, it applies to that, too.</summary>
         public bool Loop
@@ -90,6 +109,7 @@ namespace Hfx.Haptics
 
         public void Stop()
         {
+            followed = 0;
             if (player == null) return;
             player.Stop();
             Silence();
@@ -110,7 +130,7 @@ namespace Hfx.Haptics
         {
             isUnfocused = !Application.isFocused;
             isPaused = false;
-            if (playOnEnable) Play();
+            if (playOnEnable && follow == null) Play();
         }
 
         void OnDisable() { Stop(); }
@@ -134,7 +154,7 @@ namespace Hfx.Haptics
 
         void Update()
         {
-            if (!IsPlaying || isHeld || isUnfocused || isPaused) return;
+            if (follow != null || !IsPlaying || isHeld || isUnfocused || isPaused) return;
             if (Time.timeScale == 0.0f)
             {
                 Silence();
@@ -147,6 +167,36 @@ namespace Hfx.Haptics
             if (player.IsPlaying) return;
             Silence();
             if (Finished != null) Finished();
+        }
+
+        /// <summary>The animator has moved on since Update.</summary>
+        void LateUpdate()
+        {
+            if (follow == null || isHeld || isUnfocused || isPaused || !Prepare()) return;
+            if (!follow.isActiveAndEnabled || follow.speed == 0.0f || Time.timeScale == 0.0f)
+            {
+                if (followed != 0) Silence();
+                return;
+            }
+            AnimatorStateInfo state = follow.GetCurrentAnimatorStateInfo(followedLayer);
+            if (state.shortNameHash != followed)
+            {
+                followed = state.shortNameHash;
+                player.Play(NameOf(followed));
+            }
+            double turns = state.normalizedTime;
+            double seconds = (state.loop ? turns - Math.Floor(turns) : Math.Min(turns, 1.0)) * state.length;
+            player.Gain = gain;
+            player.Follow(seconds, state.loop ? state.length : 0.0, values);
+            Tell();
+        }
+
+        /// <summary>The named clip of an animator's state; empty: none has its name.</summary>
+        string NameOf(int hash)
+        {
+            foreach (NamedClip each in player.Clip.NamedClips)
+                if (Animator.StringToHash(each.Name) == hash) return each.Name;
+            return "";
         }
 
         /// <summary>Makes a player of the clip; false: there is no clip.</summary>

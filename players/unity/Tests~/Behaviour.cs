@@ -4,6 +4,7 @@ using System.Collections.Generic;
 using System.Globalization;
 using System.IO;
 using Hfx.Haptics;
+using UnityEngine;
 
 /// <summary>Plays the calls of players/conformance/behaviour and compares what is expected of each.</summary>
 static class Behaviour
@@ -52,7 +53,46 @@ static class Behaviour
             wrong++;
             Console.WriteLine("behaviour: " + line + ": " + found);
         }
-        return compared > 80 ? wrong : wrong + 1;
+        return (compared > 80 ? wrong : wrong + 1) + Follow(Path.Combine(folder, "behaviour.hfxclip"));
+    }
+
+    /// <summary>
+    /// Follows an animator: rows of 0.1 s have 1 to 10 at the first column; Strike is 0.2 to 0.5 s. In the state Strike,
+    /// 0.3 s long, at its turns; in another state, 2 s long, which loops, and which is longer than the clip.
+    /// </summary>
+    static int Follow(string path)
+    {
+        HapticClipAsset asset = ScriptableObject.CreateInstance<HapticClipAsset>();
+        asset.SetBytes(File.ReadAllBytes(path));
+        HapticPlayer player = new GameObject().AddComponent<HapticPlayer>();
+        Animator animator = new Animator();
+        player.Asset = asset;
+        player.Follow = animator;
+        int wrong = 0;
+        foreach (string moment in new[]
+        {
+            "Strike 0.3 0 0 3", "Strike 0.3 0 0.15 3", "Strike 0.3 0 0.5 4", "Strike 0.3 0 1.2 5", "Strike 0.3 0 1.3 0",
+            "Strike 0.3 0 0.5 4", // set back by the game
+            "Strike 0.3 1 1.1 5", "Strike 0.3 1 1.2 3", // it loops: from 0.35 over 0.5 to 0.23, 0.26 s
+            "Walk 2 1 0.125 3", "Walk 2 1 0.4 9", "Walk 2 1 0.6 10", "Walk 2 1 0.7 0", "Walk 2 1 1.1 3", // no jump is felt, and none is lost
+        })
+        {
+            string[] words = moment.Split(' ');
+            animator.state = new AnimatorStateInfo
+            {
+                shortNameHash = Animator.StringToHash(words[0]), length = (float)Number(words[1]), loop = words[2] == "1",
+                normalizedTime = (float)Number(words[3]),
+            };
+            GameObject.Call(player, "Update");
+            GameObject.Call(player, "LateUpdate");
+            if (Math.Abs(player.Values[0] - Number(words[4])) < 0.01) continue;
+            wrong++;
+            Console.WriteLine("followed: " + moment + ": " + player.Values[0]);
+        }
+        animator.speed = 0.0f;
+        GameObject.Call(player, "LateUpdate");
+        if (player.Values[0] != 0.0f && wrong++ < 9) Console.WriteLine("an animator that stands still is felt");
+        return wrong;
     }
 
     static string Devices(HapticClip clip, string name)

@@ -33,6 +33,7 @@ static class Bodies
         Disabling(asset);
         Settings(asset, path);
         Names(asset);
+        Controllers(asset);
         Garbage(asset);
         return wrong;
     }
@@ -197,6 +198,26 @@ static class Bodies
         foreach (string name in names)
             if (name != "-") all.Add(new Transform { name = name, parent = all.LastOrDefault() });
         return all.ToArray();
+    }
+
+    /// <summary>An avatar with two clips has two bodies; both are felt on one controller.</summary>
+    static void Controllers(HapticClipAsset asset)
+    {
+        HapticBody body = Body(asset, "root", "wrist.L"), other = Body(asset, "root", "wrist.L");
+        ControllerHaptics controllers = new GameObject().AddComponent<ControllerHaptics>();
+        controllers.Body = body;
+        controllers.FurtherBodies = new[] { other };
+        other.Trigger("Painted", 1.0f);
+        Frame(body);
+        Frame(other);
+        Frame(body);
+        Demand(UnityEngine.XR.InputDevice.amplitude > 0.0f, "a further body is felt");
+        controllers.FurtherBodies = null;
+        Frame(body);
+        Demand(UnityEngine.XR.InputDevice.amplitude == 0.0f, "a further body is taken away");
+        GameObject.Call(controllers, "OnDisable");
+        GameObject.Call(body, "OnDisable");
+        GameObject.Call(other, "OnDisable");
     }
 
     static void Garbage(HapticClipAsset asset)

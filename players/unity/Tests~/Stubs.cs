@@ -75,11 +75,22 @@ namespace UnityEngine
     {
         public readonly Dictionary<HumanBodyBones, Transform> bones = new Dictionary<HumanBodyBones, Transform>();
         public bool isHuman { get { return true; } }
+        public bool isActiveAndEnabled { get { return true; } }
+        public float speed = 1.0f;
+        public AnimatorStateInfo state;
+        public AnimatorStateInfo GetCurrentAnimatorStateInfo(int layer) { return state; }
+        public static int StringToHash(string name) { return name.GetHashCode(); }
         public Transform GetBoneTransform(HumanBodyBones bone)
         {
             Transform found;
             return bones.TryGetValue(bone, out found) ? found : null;
         }
+    }
+    public struct AnimatorStateInfo
+    {
+        public int shortNameHash;
+        public float normalizedTime, length;
+        public bool loop;
     }
     public enum HumanBodyBones { Hips, LeftUpperLeg, LeftHand, RightThumbProximal, RightThumbIntermediate, LastBone }
     public struct Vector3

@@ -177,8 +177,9 @@ func _follow() -> void:
 		return
 	var length := follow.current_animation_length
 	var passed := _start + now - _position
-	_loops = follow.get_animation(animation).loop_mode == Animation.LOOP_LINEAR
-	if _loops and passed < 0.0 and is_equal_approx(length, _end - _start):
+	var is_loop := follow.get_animation(animation).loop_mode == Animation.LOOP_LINEAR
+	_loops = is_loop and is_equal_approx(length, _end - _start)
+	if _loops and passed < 0.0:
 		passed += length  # it has begun again
 	if not _playing:
 		if passed >= 0.0:
