@@ -13,7 +13,7 @@ export class HapticLoop {
     this.outputs = Array.isArray(outputs) ? outputs : [outputs];
     document.addEventListener("visibilitychange", this.#leave);
     window.addEventListener("blur", this.#leave);
-    window.addEventListener("pagehide", this.#leave);
+    window.addEventListener("pagehide", () => this.silence());
   }
 
   /** Session of WebXR whose visibility counts instead of the page's; null: none. */
