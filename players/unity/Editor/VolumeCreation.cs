@@ -22,9 +22,9 @@ namespace Hfx.Haptics.Editor
         static void CreateOfAsset(MenuCommand command) { Create(((HapticClipAsset)command.context).Clip); }
 
         /// <summary>
-        /// Adds a volume to the object with the name of an effect, where there is one in the open scenes; it keeps its
-        /// place. Else makes an object with the place and size of the volume in Blender's scene. Effects that a
-        /// volume has already are left as they are. Returns the new volumes; one step of Undo takes them back.
+        /// Makes an object for each volume effect, with the place and size of the volume in Blender's scene, below the
+        /// object or bone with the name of the effect where the open scenes have one. Effects that a volume has already
+        /// are left as they are. Returns the new volumes; one step of Undo takes them back.
         /// </summary>
         public static List<HapticVolume> Create(HapticClip clip)
         {
@@ -35,18 +35,17 @@ namespace Hfx.Haptics.Editor
             foreach (Effect effect in clip.Effects)
             {
                 if (effect.IsPainted || !present.Add(effect.Name)) continue;
-                GameObject of = GameObject.Find(effect.Name);
-                if (of == null) of = Placed(effect);
-                HapticVolume volume = Undo.AddComponent<HapticVolume>(of);
+                HapticVolume volume = Placed(effect, GameObject.Find(effect.Name)).AddComponent<HapticVolume>();
                 volume.Effect = effect.Name;
                 volume.Shape = effect.Shape;
                 volume.HalfSegment = effect.HalfSegment;
+                Undo.RegisterCreatedObjectUndo(volume.gameObject, Name);
                 created.Add(volume);
             }
             return created;
         }
 
-        static GameObject Placed(Effect effect)
+        static GameObject Placed(Effect effect, GameObject parent)
         {
             Matrix4x4 matrix = Matrix4x4.identity;
             float[] rows = effect.Matrix;
@@ -54,10 +53,10 @@ namespace Hfx.Haptics.Editor
                 matrix.SetRow(row, new Vector4(rows[4 * row], rows[4 * row + 1], rows[4 * row + 2], rows[4 * row + 3]));
             matrix = HapticBody.ToUnity * matrix * HapticBody.ToUnity.inverse;
             GameObject created = new GameObject(effect.Name);
-            Undo.RegisterCreatedObjectUndo(created, Name);
             created.transform.position = matrix.GetColumn(3);
             created.transform.rotation = matrix.rotation;
             created.transform.localScale = matrix.lossyScale;
+            if (parent != null) created.transform.SetParent(parent.transform, true); // it stays where it is in the world
             return created;
         }
     }

@@ -68,7 +68,11 @@ namespace UnityEngine
         public Matrix4x4 localToWorldMatrix = Matrix4x4.identity;
         public Vector3 localPosition, localScale, position;
         public Quaternion rotation;
-        public void SetParent(Transform parent, bool worldPositionStays) { parent.all.Add(this); }
+        public void SetParent(Transform parent, bool worldPositionStays)
+        {
+            this.parent = parent;
+            parent.all.Add(this);
+        }
         public Matrix4x4 worldToLocalMatrix { get { return localToWorldMatrix.inverse; } }
     }
     public sealed class Animator : Behaviour
@@ -261,11 +265,6 @@ namespace UnityEditor
         public static int steps;
         public static void SetCurrentGroupName(string name) { }
         public static void RegisterCreatedObjectUndo(UnityEngine.Object of, string name) { steps++; }
-        public static T AddComponent<T>(UnityEngine.GameObject to) where T : UnityEngine.Component, new()
-        {
-            steps++;
-            return to.AddComponent<T>();
-        }
     }
 }
 
