@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.texture.procedural import MATERIALS
+from hfx_blender.formats.clip import clip_rules
+from hfx_blender.formats.clip.container import texts_at
 
 KINDS = {"Gravel": "gravel-fine", "Metal": "metal-brushed", "Fabric": "fabric-corduroy",
          "Wood": "wood-oak"}  # fmt: skip
@@ -70,3 +72,16 @@ def test_hands_and_fingers_play_the_stroke(squares: Any, tmp_path: Path) -> None
     for device in devices:
         table = np.genfromtxt(tmp_path / f"board.{device}.csv", delimiter=",", skip_header=1)
         assert table[:, 1::2].max() > 1.0, device
+
+
+def test_a_game_clip_has_the_map_of_each_square(squares: Any, tmp_path: Path) -> None:
+    _, folder = next(iter(squares.values()))
+    command = [sys.executable, "-m", "hfx_blender", "export", str(folder / "board.blend")]
+    command += ["-o", str(tmp_path), "-f", "clip", "--frames", "0:4", "--device", "phone_lra"]
+    subprocess.run(command, check=True, capture_output=True)
+    sections = clip_rules.read((tmp_path / "board.hfxclip").read_bytes(), "board")
+    assert set(texts_at(sections, sections["SURF"]["name"])) == set(squares)
+    # Squares of 50 mm, with a UV map each; maps as large as the materials, each stored once.
+    assert sections["SURF"]["uv_mm"] == pytest.approx(np.full((16, 2), 50.0))
+    sizes = sorted(1e3 * MATERIALS[name].size_m for name in KINDS.values())
+    assert sorted(sections["HMAP"]["mm"][:, 0]) == pytest.approx(sizes)
