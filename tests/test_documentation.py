@@ -35,6 +35,19 @@ def test_each_file_that_is_named_exists(name: str) -> None:
     assert missing_names(text) == []
 
 
+def test_python_files_that_the_compiled_part_names_exist() -> None:
+    paths = [f"/{path.relative_to(ROOT).as_posix()}" for path in PACKAGE.rglob("*.py")]
+    paths += [f"/release/{path.name}" for path in (ROOT / "release").glob("*.py")]
+    named = {
+        (source.name, name)
+        for source in (PACKAGE / "engine" / "native" / "source").iterdir()
+        for name in re.findall(r"[a-z][a-z_/]*\.py\b", source.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 10
+    missing = [pair for pair in named if not any(path.endswith(f"/{pair[1]}") for path in paths)]
+    assert sorted(missing) == []
+
+
 def test_a_name_that_does_not_exist_is_found() -> None:
     assert missing_names("see `engine/contact/no_such.py` and `engine/scene.py`") == [
         "engine/contact/no_such.py"

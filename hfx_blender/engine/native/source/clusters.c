@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Splits the vertices of a model into compact clusters. See engine/body/clusters.py.
+// Splits the vertices of a model into compact clusters. See engine/native/cluster_bounds.py.
 
 #include <string.h>
 

@@ -11,7 +11,7 @@
 #define PLACES_ALONG 5
 
 // Motion of points that rest in a body's frame, in 2^k steps of each interval; see drift_of in
-// engine/contact/continuous_collision.py.
+// engine/contact/narrow_phase.py.
 typedef struct {
   const double *before[STEP_KINDS];  // (steps + 1, rows - 1, 4, 4)
   const double *after[STEP_KINDS];

@@ -10,7 +10,7 @@
 
 HFX_EXPORT const char *hfx_build(void) { return HFX_BUILD; }
 
-// Functions and structures as JSON, for declarations.py.
+// Functions and structures as JSON, for engine/native/library.py.
 #ifndef HFX_INTERFACE
 #define HFX_INTERFACE ""
 #endif

@@ -8,7 +8,7 @@
 
 #include "hfx_native.h"
 
-// Voxels, and runs of triangles; see native/mesh.py.
+// Voxels, and runs of triangles; see volume/mesh_inside.py.
 typedef struct {
   const double *box;     // (2, 3) lowest and highest corner
   const int64_t *axes;   // (3,) coordinates of points that are x, y, z of the cells
@@ -20,7 +20,7 @@ typedef struct {
   const double *spans;              // (triangles, 16)
 } hfx_grid;
 
-// Triangles and the boxes over them, about the middle of the mesh; see native/mesh.py.
+// Triangles and the boxes over them, about the middle of the mesh; see volume/mesh_distance.py.
 typedef struct {
   const double *boxes;    // (2 size, 6)
   const int64_t *order;   // (size,)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Placement of volumes, boxes around them, and rotation angles between placements. See engine/volume/placing_matrix.py and
-// engine/contact/block_broad_phase.py.
+// Placement of volumes, boxes around them, and rotation angles between placements. See engine/volume/shape.py and
+// engine/contact/broad_phase.py.
 
 #include <float.h>
 #include <math.h>

@@ -41,7 +41,7 @@ typedef struct {
   double skew;           // no less than its largest stretch to the world over its smallest
 } posed_pair;
 
-// Optional details of contacts, in shape space; see contact/contact_details.py. A contact is
+// Optional details of contacts, in shape space; see contact/contact_query.py. A contact is
 // numbered by its row and column.
 typedef struct {
   double *places;                 // (contacts, 3) of their vertices

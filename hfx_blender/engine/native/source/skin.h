@@ -9,7 +9,7 @@
 
 #include "skin_quad.h"
 
-// Triangles of the skin of a model; see engine/skin/skin_mesh.py.
+// Triangles of the skin of a model; see SkinMesh of engine/skin/skin_table.py.
 typedef struct {
   const float *vertices, *normals;  // (vertices, 3)
   const float *areas_m2;            // (vertices,) square metres
@@ -54,7 +54,7 @@ typedef struct {
   int64_t bone_count;
 } hfx_cluster;
 
-// Groups of a cluster's cells, at rest; see engine/skin/cell_sizes.py.
+// Groups of a cluster's cells, at rest; see engine/native/cluster_bounds.py.
 typedef struct {
   const int64_t *starts;                   // (groups + 1,) pairs of a group and a bone
   const double *distances;                 // (groups,)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 // Stretch and rotation of directions by a matrix. See
-// engine/kinematics/motion.py.
+// engine/kinematics/placement_motion.py.
 
 #ifndef HFX_TURNING_H
 #define HFX_TURNING_H
