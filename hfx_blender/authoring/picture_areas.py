@@ -45,7 +45,8 @@ def weights_of_image(
 
 def weights_of_selection(effect: bpy.types.Object) -> F64:
     """Weights (V,), 0 to 1, of an effect's vertices: barycentric mean of the selection (0 or 1) at
-    the avatar's triangle below each. InputError without a body or mesh."""
+    the avatar's triangle below each, on the meshes before modifiers. The selection of an open Edit
+    Mode is fetched first. InputError without a body or mesh."""
     body, anchors = _anchors(effect)
     selected = []
     # Vertex numbers run over all meshes, as in the anchors.

@@ -305,7 +305,8 @@ def _short(value: Any) -> str:
 
 
 def _measured(height: Any, cutoff_mm: float) -> dict[str, float | None]:
-    """Roughness along both axes: lengths in micrometres, None for undefined values."""
+    """Roughness along both axes: lengths in micrometres, Rsk and Rku as they are, None for
+    undefined values. InputError for a surface shorter than the cut-off needs."""
     from math import pi
 
     from ..engine.texture.roughness import LENGTHS, SHAPES, roughness_of_surface

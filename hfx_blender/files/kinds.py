@@ -45,7 +45,8 @@ def refuse_another(document: Any, file: str, own: str) -> None:
 
 
 def title_of(path: Path) -> str:
-    """Describe a file with an article: by its JSON marker, else by its suffix; never raises."""
+    """Describe a file with an article: by its suffix, JSON by its marker ("JSON of another program
+    or kind" without one). An unreadable JSON file is described as such; never raises."""
     suffix = f"a {path.suffix} file" if path.suffix else "a file without a suffix"
     try:
         if path.suffix.lower() != ".json" or path.stat().st_size > _MOST_BYTES:

@@ -96,11 +96,10 @@ def execute_with_room(operator: bpy.types.Operator, context: bpy.types.Context) 
 
 
 def make_room_for_clips(context: bpy.types.Context) -> None:
-    """Enlarge the tallest timeline if too low for its clips.
+    """Enlarge the tallest timeline if too low for its clips, by splitting the area above.
 
-    No effect with an open NLA editor, without an area of three times the missing height above, in
-    background mode, and before the end of an earlier call.
-    """
+    No effect before Blender 4.3, with an open NLA editor, without an area of three times the
+    missing height above, in background mode, and before the end of an earlier call."""
     global _joining
     is_busy = _joining is not None and bpy.app.timers.is_registered(_joining)
     if bpy.app.background or is_busy or not compat.CAN_JOIN_AREAS:

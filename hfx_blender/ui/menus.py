@@ -125,8 +125,9 @@ def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> b
 
 
 def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw the next step once the scene has a body: the first steps, then those of the active
-    effect: paint, transfer the area, add a clip, export."""
+    """Draw the button of the next step: *Finish Painting* during painting; once the scene has a
+    body, the first steps, then those of the active effect (paint, transfer the area, add a clip),
+    and export last."""
     active, effect, layout = context.object, active_effect(context), self.layout
     if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
         layout.operator("hfx.paint_end", icon="CHECKMARK")

@@ -389,7 +389,8 @@ def _plain(value: object) -> object:
 
 def signature(obj: bpy.types.Object) -> tuple[object, ...]:
     """Comparable value of an object's haptic material: relief and layer settings, renderer, drive,
-    own scale, size of the UV map in mm, amplitude and frequency."""
+    the switch *Own Scale*, the entered size of the UV map in mm, amplitude and frequency. The
+    object's scale and geometry are not included."""
     settings = obj.hfx.surface
     return (
         _relief_key(obj),

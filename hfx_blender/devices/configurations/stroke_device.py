@@ -45,7 +45,7 @@ class StrokeDevice:
         """Copy of a stroke as the device plays it, with a new waveform.
 
         The amplitude is multiplied by the device's gain. Amplitude and frequency are clipped to the
-        limits of the actuator's controls; NaN becomes the neutral value of the control.
+        limits of the actuator's controls; at a NaN or infinite value of either, both are neutral.
         """
         controls = self._kind.controls
         values = limited(

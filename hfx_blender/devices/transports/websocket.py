@@ -132,7 +132,8 @@ class WebSocket:
             raise OutputLostError(f"{self.name}: {self._lost or _STALLED}.")
 
     def close(self) -> None:
-        """Close the connection without waiting for unsent bytes; may be called again."""
+        """Send a close frame (1000) if possible and close the connection, without waiting for
+        unsent bytes or an answer; may be called again."""
         if not self._is_closed:
             self._is_closed = True
             with self._lock, suppress(OutputLostError, WebSocketException):

@@ -211,7 +211,8 @@ class TrackReader:
         return self._entry(layout.chunk_name(chunk), layout.MAX_CHUNK_BYTES)
 
     def sections(self, chunk: int) -> list[Section]:
-        """Decoded sections of chunk number ``chunk`` in the order of ``header.streams``; raises
+        """Decoded sections of the streams with samples in chunk number ``chunk``, in the order of
+        ``header.streams``; raises
         InputError for a damaged file, and for samples outside the stream's index entry."""
         name = layout.chunk_name(chunk)
         cursor = Cursor(self._entry(name, layout.MAX_CHUNK_BYTES), str(self.path))

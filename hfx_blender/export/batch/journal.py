@@ -72,7 +72,9 @@ def made_from(unit: Unit, devices: Iterable[str], models: Iterable[str]) -> dict
 
 
 def is_still(recorded: Any, unit: Unit) -> bool:
-    """Test that recorded inputs equal the present inputs of ``unit``; False for invalid records."""
+    """Test that recorded inputs equal those of ``unit``: the .blend, linked files, options,
+    versions, devices, models and calibration. False for an invalid record and for linked files that
+    are not read, or that are on another machine."""
     if unit.input is None or not isinstance(recorded, dict):
         return False
     source = Path(unit.input)

@@ -37,7 +37,9 @@ def _origin(context: bpy.types.Context, body: bpy.types.Object | None) -> Vector
 
 
 def _place(context: bpy.types.Context, sensation: effect_file.Sensation) -> list[bpy.types.Object]:
-    """Add a sensation's effects at the current frame, in Object Mode; select and return these."""
+    """Add a sensation's effects to the target body at the current frame, in Object Mode, volumes
+    relative to the body, or to the 3D cursor without one. Selects and returns the effects; of
+    swarms the emitters are selected. InputError if the target body is ambiguous."""
     to_object_mode(context)
     body = target_body(context)
     from ...authoring.effects import effect_exchange, swarms

@@ -70,7 +70,8 @@ class SceneSource:
         self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]
     ) -> LiveFrame:
         """Samples of the current frame. ``gains``: by device number, as in :class:`LiveFrame`.
-        ``later``: frame shown after each actuator latency, by latency in milliseconds.
+        ``later``: frame shown after each actuator latency, by latency in milliseconds; samples of
+        a scene at these frames come from the recorded timeline, and are left out without one.
 
         Raises InputError: an effect or body has a fault.
         """
