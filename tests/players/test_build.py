@@ -69,7 +69,8 @@ def test_a_failed_platform_has_no_library_and_the_others_have(
     }
     assert files(godot) == {*libraries, "hfx.gdextension", "hfx.gdextension.uid"}
     plugins = libraries - {"linux.arm64/libhfx_haptics.so"}
-    assert files(unity) == plugins | {f"{name}.meta" for name in plugins}
+    folders = {f"{Path(name).parent}.meta" for name in plugins}
+    assert files(unity) == plugins | folders | {f"{name}.meta" for name in plugins}
     listed = (godot / "hfx.gdextension").read_text().partition("[libraries]")[2].split("\n")
     assert {line.partition(" = ")[2].strip('"') for line in listed if line} == libraries
 
