@@ -13,7 +13,7 @@ namespace Hfx.Haptics
     /// the game is paused or has lost its focus. Needs the compiled core.
     /// </summary>
     [AddComponentMenu("Haptics/Haptic Body")]
-    [DefaultExecutionOrder(LateOrder)]
+    [DefaultExecutionOrder(HapticBody.LateOrder)]
     public sealed class HapticBody : MonoBehaviour
     {
         /// <summary>
@@ -265,7 +265,7 @@ namespace Hfx.Haptics
         void KeepRestPose()
         {
             Matrix4x4 toRoot = transform.worldToLocalMatrix;
-            foreach (Transform each in GetComponentsInChildren<Transform>())
+            foreach (Transform each in GetComponentsInChildren<Transform>(true))
                 if (!rest.ContainsKey(each)) rest.Add(each, toRoot * each.localToWorldMatrix);
         }
 
@@ -274,7 +274,7 @@ namespace Hfx.Haptics
             Bone[] wanted = core.Body.Bones;
             KeepRestPose(); // of transforms that came later
             Animator humanoid = animator != null ? animator : GetComponentInChildren<Animator>();
-            bones = BoneNames.Find(wanted, GetComponentsInChildren<Transform>(), humanoid);
+            bones = BoneNames.Find(wanted, GetComponentsInChildren<Transform>(true), humanoid);
             fromRest = new Matrix4x4[wanted.Length];
             matrices = new float[12 * wanted.Length];
             List<string> lost = new List<string>();

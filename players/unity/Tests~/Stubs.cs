@@ -56,7 +56,7 @@ namespace UnityEngine
     {
         public Transform transform;
         public GameObject gameObject;
-        public T[] GetComponentsInChildren<T>() { return (T[])(object)transform.all.ToArray(); }
+        public T[] GetComponentsInChildren<T>(bool includeInactive = false) { return (T[])(object)transform.all.ToArray(); }
         public T GetComponentInChildren<T>() where T : class { return null; }
     }
     public class Behaviour : Component { }
