@@ -51,8 +51,8 @@ class Shortfall:
     body_id: str
     modality: str
     reason: Reason
-    samples: int
-    share: float  # of the effect's samples
+    samples: int  # with strength
+    share: float  # of the effect's samples with strength
     seconds: float
 
 
@@ -62,7 +62,9 @@ class FeltStream:
 
     stream: Stream
     indices: I64  # (n,) sample indices
-    strengths: F64  # (n,) level times strength parameter (temperature: deviation), >= 0
+    # (n,) Level times strength parameter (temperature: deviation); 0 for samples without strength,
+    # see areas.felt_times.has_strength.
+    strengths: F64
     is_rendered: Bool  # (n,)
 
 
@@ -94,8 +96,8 @@ class Unrendered:
     effect_id: str
     body_id: str
     modality: str
-    samples: int
-    share: float  # of the effect's samples
+    samples: int  # with strength
+    share: float  # of the effect's samples with strength
     seconds: float
 
 
@@ -103,8 +105,8 @@ def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
     """Parts of effects that none of several devices rendered, in the order of the rasters' streams.
 
     Rasters are of the same track, each for the wearer of its device. A sample counts as rendered if
-    one actuator of any device responds, however little of its area that actuator covers. Effects
-    without missing samples are left out.
+    one actuator of any device responds, however little of its area that actuator covers. Only
+    samples with strength count. Effects without missing samples are left out.
     """
     streams: dict[tuple[str, str], FeltStream] = {}
     rates: dict[tuple[str, str], float] = {}
@@ -118,8 +120,9 @@ def unrendered(rasters: Iterable[Raster]) -> list[Unrendered]:
             streams[key], rates[key] = stream, float(raster.rate_hz)
     missing = []
     for key, stream in streams.items():
-        count = int(np.count_nonzero(~stream.is_rendered))
+        is_strong = stream.strengths > 0.0
+        count = int(np.count_nonzero(~stream.is_rendered & is_strong))
         if count:
-            share, seconds = count / len(stream.is_rendered), count / rates[key]
+            share, seconds = count / int(np.count_nonzero(is_strong)), count / rates[key]
             missing.append(Unrendered(*key, stream.stream.modality, count, share, seconds))
     return missing

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...text import counted
+from ..areas.felt_times import has_strength
 from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel, load_model
 from ..modality import MODALITIES, neutral_temperature_c
@@ -38,7 +39,7 @@ class _Outcome:
     """Samples of a run, with the outcome of each sample over all actuators."""
 
     indices: I64  # (n,)
-    strengths: F64  # (n,) level times strength parameter (temperature: deviation), >= 0
+    strengths: F64  # (n,) as of FeltStream
     is_rendered: Bool  # (n,)
     is_off: Bool  # (n,) frequency out of range
     is_over: Bool  # (n,) cut by a limit
@@ -132,6 +133,7 @@ class Renderer:
             is_heat = run.stream.modality == "temperature"
             neutral = self._neutral_c(run.stream) if is_heat else 0.0
             strengths = run.levels * np.abs(run.parameters[:, 0] - neutral)
+            strengths[~has_strength(run, self._effects[run.stream.effect_id].is_contact)] = 0.0
             masks = np.zeros((4, len(run)), np.bool_)
             outcomes.append(_Outcome(run.indices, strengths, *masks))
         for group in self.groups:
@@ -391,9 +393,14 @@ class Renderer:
 
     def _shortfalls(self, felt: Iterable[FeltStream]) -> Iterator[Shortfall]:
         """Yield, per stream and reason, the number of samples not rendered, off frequency, limited
-        or below threshold, if above 0; with the share of the stream's samples and seconds."""
+        or below threshold, if above 0; with seconds and the share. Only samples with strength
+        count."""
         for rendered in felt:
             stream, outcomes = rendered.stream, self._outcomes[rendered.stream]
+            is_strong = rendered.strengths > 0.0
+            strong_count = int(np.count_nonzero(is_strong))
+            if not strong_count:
+                continue
             # Samples drive no actuator if their effect drives another device, if actuators of the
             # modality do not reach them, or if the device does not render the modality.
             device_id = self._effects[stream.effect_id].device_id
@@ -409,7 +416,7 @@ class Renderer:
                 "threshold": [outcome.is_faint for outcome in outcomes],
             }
             for reason, masks in losses.items():
-                samples = sum(int(np.count_nonzero(mask)) for mask in masks)
+                samples = int(np.count_nonzero(np.concatenate(masks) & is_strong))
                 if samples:
                     yield Shortfall(
                         stream.effect_id,
@@ -417,7 +424,7 @@ class Renderer:
                         stream.modality,
                         reason,
                         samples,
-                        share=samples / len(rendered.indices),
+                        share=samples / strong_count,
                         seconds=samples / float(self._header.time.rate_hz),
                     )
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From samples to a raster: every rule once, with values by hand."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -302,6 +303,37 @@ def test_modalities_without_a_device():
     third = make_device({"p": ("pressure", EVERYWHERE), "f": ("wind", EVERYWHERE)})
     assert unrendered([*rasters, play(header, runs, third)]) == []
     assert unrendered([]) == []
+
+
+def test_samples_without_strength_are_neither_lost_nor_cut():
+    """Four samples at 100 Hz: pressure 0 and 9000 under an actuator of at most 10 kPa, then 0 and
+    2 away from it. Only the second and the fourth are felt: half cut, half lost."""
+    header = make_header({"push": "pressure", "idle": "pressure"}, 4)
+    device = make_device({"p": ("pressure", at(0))})
+    places = {0: {0: 1.0}, 1: {0: 1.0}, 2: {5: 1.0}, 3: {5: 1.0}}
+    push = make_run(header, "push", places, [0.0])
+    push.parameters[:, 0] = [0.0, 9000.0, 0.0, 2.0]
+    idle = make_run(header, "idle", places, [0.0])  # shares the cut actuator, and gives nothing
+    raster = play(header, [push, idle], device)
+    assert [(s.effect_id, s.reason, s.samples, s.share, s.seconds) for s in raster.shortfalls] == [
+        ("push", "place", 1, 0.5, 0.01),
+        ("push", "limit", 1, 0.5, 0.01),
+    ]
+    (lost,) = unrendered([raster])
+    assert (lost.effect_id, lost.samples, lost.share, lost.seconds) == ("push", 1, 0.5, 0.01)
+
+
+@pytest.mark.parametrize(("is_contact", "neutral"), [(True, 33.0), (False, 24.0)])
+def test_a_neutral_temperature_without_a_device_is_not_lost(is_contact, neutral):
+    """33 degrees of an object and 24 of air are neutral, to within a thousandth of a degree."""
+    header = make_header({"heat": "temperature"}, 3)
+    effects = tuple(replace(effect, is_contact=is_contact) for effect in header.effects)
+    header = replace(header, effects=effects)
+    run = make_run(header, "heat", {k: {0: 1.0} for k in range(3)}, [0.0])
+    run.parameters[:, 0] = [neutral, neutral + 0.0005, neutral - 4.0]
+    raster = play(header, [run], make_device({"p": ("pressure", at(0))}))
+    assert [(s.reason, s.samples, s.share) for s in raster.shortfalls] == [("modality", 1, 1.0)]
+    assert [(lost.samples, lost.share) for lost in unrendered([raster])] == [(1, 1.0)]
 
 
 def test_a_track_read_back_renders_equally(tmp_path):
