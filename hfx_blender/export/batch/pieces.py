@@ -8,7 +8,7 @@ the record, with sizes and hashes of both files and the inputs of the recording.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
@@ -76,6 +76,10 @@ def keep(
     try:
         with atomic_file(record_file) as file:
             file.write(report.encoded_report(record, record_file.name))
+        # Files that no record lists are never removed: those of an earlier recording go first.
+        if earlier := _record(folder, unit.piece):
+            with suppress(OSError):
+                _remove_files(folder, unit.piece, earlier, {path.name for path in renamed})
         place([*renamed, record_file], folder)
     except OutputError as error:
         raise OutputError(with_final_names(str(error), Path(unit.stage), folder)) from error
@@ -104,23 +108,34 @@ def collect(unit: Unit, made_from: Mapping[str, Any], sample_count: int) -> list
         elif record["samples"] is not None:
             records.append(record)
     if missing or stale:
-        wrong, why = (
-            (missing, "not there, or damaged")
-            if missing
-            else (stale, "made from another state of the scene, or with other options")
+        wrong = sorted(missing + stale)
+        faults = [
+            f"{_listed(numbers)} {'are' if len(numbers) > 1 else 'is'} {why}"
+            for numbers, why in (
+                (missing, "not there, or damaged"),
+                (stale, "made from another state of the scene, or with other options"),
+            )
+            if numbers
+        ]
+        again = (
+            f"export with --piece {wrong[0]}/{count}"
+            if len(wrong) == 1
+            else f"export each of them with --piece K/{count}"
         )
-        numbers = ", ".join(map(str, wrong[:10]))
-        if len(wrong) > 10:
-            numbers += f" and {len(wrong) - 10} more"
         raise InputError(
-            f"{folder}: of {count} pieces, {numbers} {'are' if len(wrong) > 1 else 'is'} "
-            f"{why}; export with --piece {wrong[0]}/{count} and the same options."
+            f"{folder}: of {count} pieces, {'; '.join(faults)}; {again} and the same options."
         )
     # Every piece must begin where the piece before ends: pairs (stop, first) at even positions.
     edges = [0, *(edge for record in records for edge in record["samples"]), sample_count]
     if any(stop != first for stop, first in list(pairwise(edges))[::2]):
         raise InputError(f"{folder}: the pieces do not fit together; export all of them again.")
     return records
+
+
+def _listed(numbers: list[int]) -> str:
+    """The first ten numbers, and the count of further ones."""
+    more = f" and {len(numbers) - 10} more" if len(numbers) > 10 else ""
+    return ", ".join(map(str, numbers[:10])) + more
 
 
 def files_of(unit: Unit, record: Mapping[str, Any]) -> dict[str, Path]:
@@ -138,9 +153,8 @@ def remove(unit: Unit) -> None:
             match = _RECORD.fullmatch(path.name)
             record = match and _record(folder, (int(match[1]), int(match[2])))
             if record:
-                for file in (*files_of(unit, record).values(), path):
-                    if file.name.startswith(f"{path.stem}."):
-                        file.unlink()
+                _remove_files(folder, (int(match[1]), int(match[2])), record)
+                path.unlink()
 
 
 def remove_folder(folder: Path) -> None:
@@ -148,6 +162,17 @@ def remove_folder(folder: Path) -> None:
     remove_abandoned(folder)
     with suppress(OSError):
         folder.rmdir()
+
+
+def _remove_files(
+    folder: Path, piece: tuple[int, int], record: Mapping[str, Any], kept: Container[str] = ()
+) -> None:
+    """Remove the files of a piece that its record lists, without those of the names ``kept``.
+    Raises OSError."""
+    for file in record["files"]:
+        name = file["name"]
+        if name not in kept and name.startswith(path_of(folder, piece, ".").name):
+            (folder / name).unlink()
 
 
 def _count(folder: Path, unit: Unit) -> int:

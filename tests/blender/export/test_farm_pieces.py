@@ -114,6 +114,36 @@ def test_a_short_scene_has_nothing_for_the_last_pieces(
     assert contents_of(out) == whole
 
 
+def test_a_piece_that_became_empty_leaves_no_earlier_track(
+    moving: Path, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert _run(moving, out, "--piece", "5/5", "--rate", "300") == 0
+    assert (out / "moving.pieces" / "5-of-5.hfxtrack").is_file()
+    log = out / "moving.pieces" / "5-of-5.log"
+    log.write_text("of the farm")
+    for k in range(5, 0, -1):
+        assert _run(moving, out, "--piece", f"{k}/5") == 0
+    assert _run(moving, out, "--merge") == 0
+    assert list(log.parent.iterdir()) == [log]
+    log.unlink()
+    log.parent.rmdir()
+    assert contents_of(out) == whole
+
+
+def test_a_merge_names_all_faulty_pieces_and_one_cure(
+    moving: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert _run(moving, out, "--piece", "2/3", "--tolerance", "preview") == 0
+    capsys.readouterr()
+    assert _run(moving, out, "--merge") == 3
+    assert (
+        "of 3 pieces, 1, 3 are not there, or damaged; 2 is made from another state of the scene, "
+        "or with other options; export each of them with --piece K/3 and the same options."
+    ) in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("options", [("--per-clip",), ("--frames", "7:60", "--rate", "300")])
 def test_parts_of_a_scene_with_faults_have_the_report_of_the_whole(
     registered: Any, tmp_path: Path, options: tuple[str, ...]
