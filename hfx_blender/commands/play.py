@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import DeviceError, HfxError, InputError, OutputError, UsageError
+from ..errors import DeviceError, HfxError, InputError, OutputError, UsageError, refuse_no_file
 from ..files import kinds
 from .arguments import add_json
 from .console import Console
@@ -200,6 +200,7 @@ def _opened(
     from ..devices.configuration import load_device
     from ..devices.live import live_settings
     from ..devices.live.track_playback import PlayedTrack
+    from ..engine.track import SUFFIX as TRACK_SUFFIX
     from ..files import resources
     from ..formats.clip.container import SUFFIX
     from .played_clip import PlayedClip
@@ -208,9 +209,12 @@ def _opened(
         devices_of = {name: load_device(name, resources.user_devices()) for name in names}
         clip = PlayedClip(options.file, devices_of, options.body)
         return clip, {name: (device, None) for name, device in devices_of.items()}
-    if options.file.suffix.lower() == ".json":
-        title = kinds.title_of(options.file)
-        raise InputError(f"{options.file}: is {title}; expected a track or a game clip.")
+    refuse_no_file(options.file)
+    if options.file.suffix.lower() != TRACK_SUFFIX:
+        raise InputError(
+            f"{options.file}: is {kinds.title_of(options.file)}; expected a track ({TRACK_SUFFIX}) "
+            f"or a game clip ({SUFFIX}), both written by hfx export."
+        )
     # A track is rendered here, by the device's script if any; a clip is rendered already.
     track = stack.enter_context(PlayedTrack(options.file, options.body))
     targets = {name: live_settings.named(name) for name in names}

@@ -66,6 +66,20 @@ def test_a_command_names_both(
     assert said.count(str(path)) <= 2 and len(said.splitlines()) <= 2
 
 
+@pytest.mark.parametrize("name", ["x.hjif", "x.wav", "x.raster.npz", "x"])
+def test_play_names_a_file_that_it_cannot_play(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(bytes(64))
+    assert run(["play", str(path), "--device", "tactal_mask"]) == 3
+    kind = f"a {path.suffix} file" if path.suffix else "a file without a suffix"
+    assert (
+        f"{name}: is {kind}; expected a track (.hfxtrack) or a game clip (.hfxclip)"
+        in capsys.readouterr().err
+    )
+
+
 def test_json_in_place_of_a_blend_is_not_opened(tmp_path: Path) -> None:
     path = tmp_path / "x.json"
     path.write_text(json.dumps(DEVICE))

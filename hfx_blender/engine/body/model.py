@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -250,9 +251,11 @@ def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, An
     InputError: the file is missing, damaged, of another kind, of a newer version, or unpacks to
     more than :mod:`hfx_blender.files.limits` allow."""
     try:
+        with path.open("rb") as file:
+            # numpy takes a file of another kind for pickled objects.
+            if not zipfile.is_zipfile(file):
+                raise ValueError("no .npz archive, or cut short")
         with np.load(path, allow_pickle=False) as stored:
-            if not isinstance(stored, np.lib.npyio.NpzFile):
-                raise ValueError("a single array, not an archive")
             # The sizes in the archive's index are checked before anything is unpacked.
             unpacked_bytes = sum(member.file_size for member in stored.zip.infolist())
             limits.check_unpacked(unpacked_bytes, path.stat().st_size, str(path))

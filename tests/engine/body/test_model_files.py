@@ -63,6 +63,14 @@ def test_a_cut_file_is_refused(tmp_path: Path, keep: int) -> None:
         model.load(model.PerceptualModel, path)
 
 
+@pytest.mark.parametrize("content", [b"", bytes(500), b"hello", b"\x93NUMPY"])
+def test_a_file_that_is_no_archive_is_said_to_be_none(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "zeros.npz"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"model \(no \.npz archive, or cut short\)\.$"):
+        model.load(model.PerceptualModel, path)
+
+
 def test_a_damaged_byte_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bad.npz"
     model_file.save(model.load_model("hfx-temperature-1"), path)
