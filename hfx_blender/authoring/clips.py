@@ -244,17 +244,21 @@ def outside_scene(scene: bpy.types.Scene, strip: bpy.types.NlaStrip) -> str | No
     return outside(start, end, scene.frame_start, scene.frame_end + 1, sample)
 
 
-def extend_scene(scene: bpy.types.Scene, effects: Iterable[bpy.types.Object]) -> bool:
-    """Extend a scene's frame range to include the clips of effects. Returns False if a clip is
-    still outside, as no scene starts before frame 0."""
-    strips = [strip for effect in effects for _, strip in strips_of(effect)]
+def extend_scene(scene: bpy.types.Scene, effects: Iterable[bpy.types.Object]) -> list[str]:
+    """Extend a scene's frame range to include the clips of effects. Returns the clips still
+    outside, as no scene starts before frame 0; a clip that ends before frame 0 changes nothing."""
+    pairs = [(effect, strip) for effect in effects for _, strip in strips_of(effect)]
     # Only clips outside change the range: a scene is never shortened.
-    for strip in strips:
-        if outside_scene(scene, strip) is not None:
-            start, end = played_span(scene, strip.frame_start, strip.frame_end)
-            scene.frame_start = min(scene.frame_start, floor(start))
+    for _, strip in pairs:
+        start, end = played_span(scene, strip.frame_start, strip.frame_end)
+        if outside_scene(scene, strip) is not None and end > _ROUNDING:
+            scene.frame_start = min(scene.frame_start, max(floor(start), 0))
             scene.frame_end = max(scene.frame_end, ceil(end))
-    return all(outside_scene(scene, strip) is None for strip in strips)
+    return [
+        f"'{strip.name}' of '{effect.name}'"
+        for effect, strip in pairs
+        if outside_scene(scene, strip) is not None
+    ]
 
 
 def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:

@@ -12,6 +12,7 @@ from ...authoring import clips, drawn_fades
 from ...authoring.effects import swarms
 from ...blender.scene_info import fps_of, frame_at, frames_per_shown_unit, shown_time
 from ...errors import InputError
+from ...text import shortened
 from .. import framing
 from ..shared import HfxOperator, active_effect
 
@@ -184,10 +185,12 @@ class HFX_OT_extend_scene(HfxOperator):
         if self.which == "ACTIVE":
             listed = [active] if active is not None else []
         before = scene.frame_start, scene.frame_end
-        is_done = clips.extend_scene(scene, listed)
-        if not is_done and before == (scene.frame_start, scene.frame_end):
-            raise InputError("A scene begins at frame 0 or later. Move the clip.")
-        return f"Frame range of the scene: {scene.frame_start} to {scene.frame_end}"
+        still = ", ".join(shortened(clips.extend_scene(scene, listed), 5))
+        advice = f"A scene begins at frame 0 or later. Move the clip: {still}" if still else ""
+        if advice and before == (scene.frame_start, scene.frame_end):
+            raise InputError(f"{advice}.")
+        extent = f"Frame range of the scene: {scene.frame_start} to {scene.frame_end}"
+        return f"{extent}. {advice}" if advice else extent
 
 
 class HFX_OT_remove_clip(_OfEffect):

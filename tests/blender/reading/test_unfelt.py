@@ -295,7 +295,7 @@ def test_extend_the_scene(
     strip = _clip(touch, start, end)
     assert clips.outside_scene(scene, strip) == where
     if where is None or start < 0.0:  # nothing to mend, or no scene begins before frame 0
-        assert clips.extend_scene(scene, [touch]) == (where is None)
+        assert bool(clips.extend_scene(scene, [touch])) == (where is not None)
         assert (scene.frame_start, scene.frame_end) == (0, LAST)
         return
     assert bpy.ops.hfx.extend_scene() == {"FINISHED"}
@@ -313,6 +313,18 @@ def test_a_scene_that_begins_later_is_extended_to_both_sides(touch: Any) -> None
     bpy.context.view_layer.objects.active = bpy.data.objects["Ball"]
     bpy.ops.hfx.extend_scene(which="ALL")
     assert (scene.frame_start, scene.frame_end) == (10, 75)
+
+
+def test_a_clip_before_frame_0_is_named_and_moves_no_start(touch: Any) -> None:
+    scene = bpy.context.scene
+    scene.frame_start, last = 1, scene.frame_end
+    _clip(touch, -0.8, -0.32).name = "Before"  # frames -20 to -8
+    with pytest.raises(RuntimeError, match="Move the clip: 'Before' of 'Touch'"):
+        bpy.ops.hfx.extend_scene(which="ALL")
+    assert (scene.frame_start, scene.frame_end) == (1, last)
+    _clip(touch, 3.0, 4.5).name = "After"  # frames 75 to 112.5
+    assert clips.extend_scene(scene, [touch]) == ["'Before' of 'Touch'"]
+    assert (scene.frame_start, scene.frame_end) == (1, 113)
 
 
 def test_a_muted_clip_is_not_marked(touch: Any) -> None:
