@@ -19,6 +19,7 @@ import bpy
 
 from ..errors import InputError, is_endless
 from ..files.hashes import FRAMES, MOST_FILES, holds_too_many, is_elsewhere, is_of_a_kind
+from ..text import shortened
 from . import compat, stored_values
 
 
@@ -89,6 +90,24 @@ def warnings_of_files() -> list[str]:
             fault = f"holds more than {MOST_FILES} files: they are not compared, and {again}"
         if fault is not None:
             warnings.append(f"'{name}' of {file.user} {fault}")
+    return warnings + missing_data()
+
+
+def missing_data() -> list[str]:
+    """One warning for each library with linked data-blocks that Blender found nowhere: the file is
+    missing, or the data-block is renamed or removed in it."""
+    warnings = []
+    for library in bpy.data.libraries:
+        missing = sorted(
+            f"{data.bl_rna.name.lower()} '{data.name}'"
+            for data in library.users_id
+            if data.is_missing
+        )
+        if missing:
+            warnings.append(
+                f"linked data-blocks are missing from library '{library.name}' "
+                f"({library.filepath}), and from the export: {', '.join(shortened(missing, 10))}"
+            )
     return warnings
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from ...authoring.effects import effect_values, effects, model_migration
 from ...authoring.effects.effect_values import ShapeCache
 from ...avatars import avatar_meshes, body_binding
+from ...blender import linked_files
 from ...blender.scene_info import metres_of, scene_objects
 from ...blender.stored_values import bad_values
 from ...engine.body.model import load_model
@@ -145,6 +146,11 @@ def _refusal(faults: Collection[str]) -> InputError:
     return InputError(" ".join(shortened(faults, MOST_LINES)))
 
 
+def _missing_data() -> list[str]:
+    """Sentences about missing linked data-blocks, which may be a body or effects."""
+    return [f"{text[0].upper()}{text[1:]}." for text in linked_files.missing_data()]
+
+
 def refuse_bad_unit(scene: bpy.types.Scene) -> None:
     """Raise InputError for a scene's Unit Scale outside 1e-9 to 1e9, or NaN; returns nothing."""
     unit = scene.unit_settings.scale_length
@@ -176,10 +182,11 @@ def _find_bodies(
                         "make a library override (Object > Library Override > Make), or make it "
                         "real."
                     )
-        raise InputError(
+        nobody = (
             f"Scene '{scene.name}' has no haptic body: nobody is there to feel its "
             "effects. Add one with Add > Haptic > Avatar, or mark an armature as a body."
         )
+        raise _refusal([nobody, *_missing_data()])
 
     def check(body: bpy.types.Object) -> list[str]:
         warnings = soundness.warnings_of(body)
@@ -212,7 +219,7 @@ def _shown_effects(
     # Instances may show volumes of other scenes.
     has_instances = any(map(reached.is_instancer, scene_objects(scene)))
     if not candidates and not has_instances:
-        raise InputError(f"Scene '{scene.name}' has no haptic effects to export.")
+        raise _refusal([f"Scene '{scene.name}' has no haptic effects to export.", *_missing_data()])
     shown = [effect for effect in candidates if visibility.may_be_seen(effect, layer, enabled)]
     if not shown and not has_instances:
         raise InputError(

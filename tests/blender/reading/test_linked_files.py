@@ -215,6 +215,38 @@ def test_libraries_of_libraries_that_go_and_come_back(
         assert not is_left_out(blend) and is_left_out(blend)
 
 
+@pytest.mark.parametrize("is_renamed", [False, True])
+@pytest.mark.parametrize("is_only_effect", [False, True])
+def test_missing_linked_effects_are_named(
+    registered: Any,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    is_renamed: bool,
+    is_only_effect: bool,
+) -> None:
+    hfx_scenes.small_scene(5)
+    bpy.data.objects["Ball"].name = "Far Ball"
+    library = hfx_scenes.save(tmp_path / "lib.blend")
+    hfx_scenes.small_scene(5)
+    if is_only_effect:
+        bpy.data.objects.remove(bpy.data.objects["Ball"])
+        bpy.data.objects.remove(bpy.data.objects["Touch"])
+    with bpy.data.libraries.load(str(library), link=True, relative=True) as (_, into):
+        into.objects = ["Far Ball"]
+    bpy.context.scene.collection.objects.link(into.objects[0])
+    blend = hfx_scenes.save(tmp_path / "user.blend")
+    library.unlink()
+    if is_renamed:
+        hfx_scenes.small_scene(5)
+        hfx_scenes.save(library)
+    capsys.readouterr()
+    arguments = ["export", str(blend), "-o", str(tmp_path / "out"), "--device", "none"]
+    assert cli.run(arguments) == (3 if is_only_effect else 0)
+    said = "".join(capsys.readouterr())
+    assert "inked data-blocks are missing from library 'lib.blend' (//lib.blend)" in said
+    assert "object 'Far Ball'" in said
+
+
 def test_what_a_library_reaches_counts(base: Path, tmp_path: Path, is_left_out: IsLeftOut) -> None:
     (tmp_path / "lib").mkdir()
     user = _user(base, tmp_path / "lib", "library")
