@@ -97,6 +97,7 @@ class SceneReader:
         faults: dict[str, set[int]] = {}
         self.instances = instances.Instances(haptics, self.time, self._shapes, faults)
         haptics = replace(haptics, dormant={**haptics.dormant, **self.instances.asleep})
+        haptics = scene_description.without_absent(haptics, self.instances.source_names)
         more = self.instances.descriptions
         is_keyed = any(visibility.is_keyed(body) for body in haptics.bodies)
         self._always_posed = with_positions or with_velocities or bool(more) or is_keyed

@@ -225,12 +225,28 @@ def _shown_effects(
         raise InputError(
             f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
         )
-    warnings = tuple(
-        f"effect '{effect.name}' {ABSENT}: it was left out"
-        for effect in candidates
-        if effect not in shown
-    )
+    warnings = tuple(_absent(effect.name) for effect in candidates if effect not in shown)
     return shown, warnings
+
+
+def _absent(name: str) -> str:
+    """Warning about an effect that Blender does not evaluate."""
+    return f"effect '{name}' {ABSENT}: it was left out"
+
+
+def without_absent(haptics: HapticObjects, instanced: Collection[str]) -> HapticObjects:
+    """Copy without warnings and reasons about excluded effects with instances, given by name: these
+    effects are felt at the instances."""
+    texts = set(map(_absent, instanced))
+    return replace(
+        haptics,
+        warnings=tuple(text for text in haptics.warnings if text not in texts),
+        gone={
+            name: why
+            for name, why in haptics.gone.items()
+            if why != ABSENT or name not in instanced
+        },
+    )
 
 
 def _of_bodiless(

@@ -288,6 +288,11 @@ class Instances:
             self._keys, {name: self._sources.described(name) for name in names}
         )
 
+    @property
+    def source_names(self) -> set[str]:
+        """Names of the volumes with instances."""
+        return {self._sources.objects[name].name for name, _, _ in self._keys}
+
     def stepper(self) -> stepping.Stepping:
         """Context that steps the user's own scene, to be given to :meth:`extended`."""
         return stepping.own_scene(self._found)

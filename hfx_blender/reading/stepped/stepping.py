@@ -22,7 +22,7 @@ from ...blender.scene_info import scene_objects
 from ..description import visibility
 from . import simulation as simulations
 from .drivers import RetriedDrivers, drivers_of
-from .reached import data_reached_from, data_reaching, is_instancer, reached_from
+from .reached import data_reached_from, data_reaching, is_instancer, reached_from, sources_of
 
 if TYPE_CHECKING:
     from ..curves.presampled_rig import PresampledRig
@@ -179,7 +179,11 @@ def idle_objects(found: HapticObjects) -> list[bpy.types.Object]:
         and not visibility.is_keyed(obj)
         and not simulations.takes_part(obj)
     }
-    required = shown | reached_from((*found.read, *set(objects).difference(idle)), named)
+    # A source in an excluded collection is not read itself, but its instances are: hiding it would
+    # remove them.
+    sources = [obj for obj in sources_of(found.scene).values() if obj not in found.dormant]
+    in_use = (*found.read, *sources, *set(objects).difference(idle))
+    required = shown | reached_from(in_use, named)
     return [obj for obj in objects if obj in idle and obj not in required]
 
 

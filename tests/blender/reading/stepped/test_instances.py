@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import bpy
@@ -197,6 +198,57 @@ def test_an_instancer_of_muted_volumes_alone_rests_while_the_scene_is_stepped(ba
         assert objects["There"].hide_viewport and not objects["Here"].hide_viewport
     assert not objects["There"].hide_viewport
     assert reader.counters.skipped == {"Quiet": "is muted"}
+
+
+def _of_a_collection(ball: Any) -> None:
+    _empty("Here", BELLY)
+
+
+def _of_a_nested_collection(ball: Any) -> None:
+    """An instancer of the ball, in an excluded collection that an empty in the scene instances."""
+    inner = bpy.data.objects.new("Inner", None)
+    inner.location, inner.instance_type = BELLY, "COLLECTION"
+    inner.instance_collection = bpy.data.collections["Source"]
+    bpy.data.collections.new("Outer").objects.link(inner)
+    _empty("Here", (0.0, 0.0, 0.0))
+    bpy.data.objects["Here"].instance_collection = bpy.data.collections["Outer"]
+
+
+@pytest.mark.parametrize("instance", [_of_a_collection, _of_a_nested_collection])
+def test_a_source_in_an_excluded_collection_is_felt_as_instance(
+    ball: Any, instance: Callable[[Any], None]
+) -> None:
+    instance(ball)
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    for name in {"Source", "Outer"}.intersection(bpy.data.collections.keys()):
+        scene.collection.children.link(bpy.data.collections[name])
+        layer.layer_collection.children[name].exclude = True
+    layer.update()
+    listed = layer.depsgraph.object_instances  # Blender's own list
+    assert sum(entry.is_instance and entry.object.name == "Ball" for entry in listed) == 1
+    runs, reader = _read()
+    assert len(reader.instances.descriptions) == 1
+    assert reader.description.warnings == () and reader.unfelt == {}
+    # A ball of the scene at the same place is felt alike.
+    bpy.data.objects.remove(bpy.data.objects["Here"])
+    scene.collection.objects.link(ball)
+    ball.location = BELLY
+    own, _ = _read()
+    assert _felt(runs) == _felt(own) != set()
+
+
+def test_a_source_in_a_disabled_collection_is_told(ball: Any) -> None:
+    """Blender shows no instances of a collection that is disabled in viewports."""
+    _empty("Here", BELLY)
+    effects.add_volume(bpy.context.scene, "pressure", "SPHERE", "Own")
+    source = bpy.data.collections["Source"]
+    bpy.context.scene.collection.children.link(source)
+    source.hide_viewport = True
+    _, reader = _read()
+    assert not reader.instances.descriptions and list(reader.unfelt) == ["Ball"]
+    assert [text for text in reader.description.warnings if "'Ball'" in text] == [
+        "effect 'Ball' is disabled in viewports or excluded from the view layer: it was left out"
+    ]
 
 
 def test_live_feels_instances_as_they_stand(ball: Any) -> None:
