@@ -250,8 +250,11 @@ def _missed_warnings(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
     )
 
 
-def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str, Any], ...]:
-    """Facts of streams that no device of the body renders, with seconds and share."""
+def not_played(
+    header: TrackHeader, rasters: Sequence[Raster], ignored: Collection[str] = ()
+) -> tuple[dict[str, Any], ...]:
+    """Facts of streams that no device of the body renders, with seconds and share; without effects
+    whose names are in ``ignored``."""
     effects = {effect.id: effect.name for effect in header.effects}
     bodies = {body.id: body.name for body in header.bodies}
     return tuple(
@@ -263,6 +266,7 @@ def not_played(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[dict[str
             "share": round(lost.share, 4),
         }
         for lost in unrendered(rasters)
+        if effects[lost.effect_id] not in ignored
     )
 
 
@@ -273,7 +277,9 @@ _OTHERWISE = {
 }
 
 
-def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...]:
+def shortfalls(
+    header: TrackHeader, rasters: Sequence[Raster], ignored: Collection[str] = ()
+) -> tuple[str, ...]:
     """Notes on modalities that devices lack, and on effects that devices play differently.
     :func:`not_played` covers effects without any device. A device away from an effect gets no note,
     because several devices share a body."""
@@ -288,7 +294,7 @@ def shortfalls(header: TrackHeader, rasters: Sequence[Raster]) -> tuple[str, ...
             f"{_OTHERWISE[short.reason].format(effects[short.effect_id])} "
             f"for {short.seconds:.2f} s ({short.share:.0%})"
             for short in raster.shortfalls
-            if short.reason in _OTHERWISE
+            if short.reason in _OTHERWISE and effects[short.effect_id] not in ignored
         ]
     return tuple(notes)
 

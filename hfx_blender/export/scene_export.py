@@ -284,8 +284,8 @@ class SceneExport:
             )
             written, rendered = self._write(whole, recorders, rendered, stem)
             rasters = [raster for _, raster in rendered.played]
-            lost = not_played(whole.header, rasters)
-            short = shortfalls(whole.header, rasters)
+            lost = not_played(whole.header, rasters, self._without_clip)
+            short = shortfalls(whole.header, rasters, self._without_clip)
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
         new_warnings = *recorded.warnings, *missed, *rendered.warnings, *silent, *written.left_out

@@ -208,6 +208,11 @@ def test_effects_without_a_clip_are_not_felt_in_files_of_clips(touch: Any, told:
     assert line["reason"] == "has no clip, and only clips are exported" and not line["expected"]
     assert _line(report, "Still")["reason"] == "is muted" and _line(report)["felt"]
     assert [item["effect"] for item in report["felt"]] == ["Touch"]
+    # No device loses or cuts what is not exported: back_pad has vibration motors only.
+    bpy.data.objects["Ball"].hfx.modality = "temperature"
+    report = told("--per-clip", "--device", "back_pad")
+    assert [item["effect"] for item in report["unrendered"]] == ["Touch"]
+    assert not [note for note in report["notes"] if "'Ball'" in note]
 
 
 def test_a_file_of_a_muted_clip_is_said_to_be_silent(touch: Any, told: Any) -> None:
