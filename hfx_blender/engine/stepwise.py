@@ -15,7 +15,7 @@ from typing import Final, TypeVar
 Progress = Callable[[float], None]
 _T = TypeVar("_T")
 
-_PROGRESS: Final[ContextVar[Progress | None]] = ContextVar("hfx_progress", default=None)
+_PROGRESS: Final[ContextVar[Progress | None]] = ContextVar("progress", default=None)
 
 
 @contextmanager
