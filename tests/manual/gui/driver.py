@@ -154,20 +154,17 @@ class Driver:
         Parameters
         ----------
         operator : type
-            Class of the operator; the poll must call ``needs`` of the add-on's operator base.
+            Class of the operator, a subclass of the add-on's ``HfxOperator``.
         which : int
             For several buttons of the operator: number of the button, from the top.
         """
-        base = next(item for item in operator.__mro__ if "needs" in item.__dict__)
-        needs = base.__dict__["needs"]
+        requires = operator.requires
         with_it = yield from self.op_buttons(region)
-        base.needs = classmethod(
-            lambda cls, *question: cls is not operator and needs.__func__(cls, *question)
-        )
+        operator.requires = ((lambda context: False, "Greyed out for a picture"), *requires)
         try:
             without = yield from self.op_buttons(region)
         finally:
-            base.needs = needs
+            operator.requires = requires
         region.tag_redraw()
         pictures.redraw(self.window)
         actual = [position for position in with_it if position not in without]
