@@ -49,7 +49,7 @@ COLOURS: Final = {
 
 @dataclass(frozen=True)
 class MaterialWord:
-    """Library material that is nearest to a material word, and the differences from it."""
+    """Nearest library material of a word such as "shingle", and the changes of the material."""
 
     material: str  # key of procedural.MATERIALS
     scale: float  # factor of all lengths

@@ -227,7 +227,8 @@ def field_of(obj: bpy.types.Object) -> HeightField | None:
 
 
 def device_of(obj: bpy.types.Object) -> DeviceRange:
-    """Physical range of the values 0 to 1, m/s^2 and Hz; InputError for lowest above highest."""
+    """Amplitudes (m/s^2) and frequencies (Hz) that the map values 0 and 1 of a haptic surface stand
+    for. Raises InputError if its lowest frequency is above its highest."""
     from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 
     hfx = obj.hfx

@@ -32,9 +32,12 @@ class FeltTimes:
     felt: dict[str, dict[str, list[int]]] = field(default_factory=dict)
 
     def add_levels(self, effects: Sequence[EffectDescription], block: AnimationBlock) -> None:
-        """Record effects with, at any of the block's samples in ``own`` (no overlap), a level above
-        0, finite parameters and finite placement in ``is_on``; else effects with a level above 0 or
-        NaN in ``no_number``: "a place" if only the placement is non-finite, else "a value"."""
+        """Record a block's levels, of its own samples without the overlap of blocks.
+
+        An effect goes to ``is_on`` if at any sample its level is above 0 with finite parameters and
+        a finite placement. Otherwise an effect with a level above 0 or NaN goes to ``no_number``:
+        as "a place" if only its placement is not finite, else as "a value".
+        """
         for effect, animated in zip(effects, block.effects, strict=True):
             if effect.id in self.is_on:
                 continue

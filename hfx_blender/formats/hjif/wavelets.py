@@ -186,7 +186,7 @@ class _Bits:
 
     @property
     def is_over(self) -> bool:
-        """True at the end of the stream if all further decisions are 0."""
+        """True if the bits are used up and every further decision would decode to 0."""
         return self._next >= len(self._bits) and self._code == self._lower
 
     def take(self, kind: int) -> int:

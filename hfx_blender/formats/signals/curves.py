@@ -256,7 +256,8 @@ def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float)
 
 
 def _crossing(line: _Line, a: _Point, b: _Point) -> _Point:
-    """Point where a line leaves the corridor through the wall from ``a`` to ``b``, clamped."""
+    """Crossing of a line and the wall of the tolerance corridor from point ``a`` to ``b``; its x is
+    clamped to those of the points."""
     before, after = _value(line, a[0]) - a[1], _value(line, b[0]) - b[1]
     share = before / (before - after) if before != after else 1.0
     x = a[0] + (b[0] - a[0]) * min(max(share, 0.0), 1.0)

@@ -187,7 +187,7 @@ class Shown:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the three arrays, bytes."""
+        """Memory of vertices, triangles and colours, bytes."""
         return self.vertices.nbytes + self.triangles.nbytes + self.colours.nbytes
 
 

@@ -54,7 +54,7 @@ class PoseRow:
 
 @dataclass(frozen=True, eq=False)
 class VolumePlacements:
-    """Placements of N volumes at one time, or with a leading time axis over several."""
+    """Placements of N volumes at one time; arrays of several times have a leading time axis."""
 
     there: npt.NDArray[np.bool_]  # (N,) False: disabled, other fields are undefined
     matrices: F64  # (N, 4, 4) object space to world, Blender units

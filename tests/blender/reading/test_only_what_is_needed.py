@@ -26,7 +26,7 @@ def body(scene: Any) -> Any:
 
 @pytest.fixture
 def loaded(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Names of the perceptual models' files read from now on."""
+    """Return a list of stems of perceptual model files, appended at each read after this call."""
     names: list[str] = []
     real = body_model.load
 

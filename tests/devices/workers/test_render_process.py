@@ -151,7 +151,7 @@ def test_a_malformed_moment_is_reported(body: bytes) -> None:
 
 
 def answered(devices: tuple[RenderedDevice, ...], shown: LiveFrame) -> dict[int, bytes]:
-    """Return the worker's answers by device."""
+    """Return the bytes of values that a render worker answers to a frame, by device number."""
     renderers = Renderers(SceneMessage(HEADER, BODY, devices))
     assert not renderers.faults
     values_by_device = {}

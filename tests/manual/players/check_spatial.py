@@ -219,7 +219,8 @@ def _expected(run: SampleRun | None, row: int, count: int) -> np.ndarray:
 
 
 def print_table(walkers: int, seconds: float) -> int:
-    """Print for each level the distance of actuator values from the values at ``standard``."""
+    """Print a table row per level of detail: differences of the players' actuator values from an
+    export at tolerance ``standard``, as shares of full scale. Returns an exit code."""
     sys.stdout.write("| level | values | mean | within 5 % | within 20 % |\n")
     sys.stdout.write("|---|---|---|---|---|\n")
     for level in range(COARSEST + 1):
