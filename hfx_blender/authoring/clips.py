@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from math import ceil, floor
 
 import bpy
 
 from ..blender import compat
-from ..blender.scene_info import fps_of
+from ..blender.scene_info import animation_fps, fps_of
 from ..errors import InputError
 from . import drawn_fades
 
@@ -85,21 +86,25 @@ def add_heartbeat(
     fade_out: float = 0.0,
 ) -> bpy.types.NlaStrip:
     """Add a clip of a heartbeat: a strong and a weak pulse per beat; times and fades are frames.
-    The clip has 1 or more whole beats, and ends near ``frame_end``."""
-    scene = bpy.context.scene
-    fps = fps_of(scene)
-    beat = 60.0 * fps / beats_per_minute
-    beats = max(round((frame_end - frame_start) / beat), 1)
-    shape = ((0.0, 0.0), (0.08, 1.0), (0.2, 0.0), (0.3, 0.0), (0.38, 0.6), (0.5, 0.0), (1.0, 0.0))
+    The last beat is cut at ``frame_end``."""
+    import numpy as np  # not needed at Blender's start
+
+    beat = 60.0 * animation_fps(bpy.context.scene) / beats_per_minute
+    beats = (frame_end - frame_start) / beat
+    shape = [(0.0, 0.0), (0.08, 1.0), (0.2, 0.0), (0.3, 0.0), (0.38, 0.6), (0.5, 0.0), (1.0, 0.0)]
+    if 0.0 < beats < 1.0:
+        # Blender repeats no less than a tenth of an action: the only beat itself is cut.
+        last = beats, float(np.interp(beats, *np.transpose(shape)))
+        shape = [*(key for key in shape if key[0] < beats), last]
     return add_clip(
         effect,
         frame_start,
-        frame_start + beats * beat,
+        frame_end,
         name="Heartbeat",
         fade_in=fade_in,
         fade_out=fade_out,
         profile=[(share * beat, value) for share, value in shape],
-        repeat=float(beats),
+        repeat=max(beats, 1.0),
     )
 
 
@@ -272,6 +277,16 @@ def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
         for curve in compat.fcurves(effect):
             for key in curve.keyframe_points:
                 key.co_ui.x += frames  # moves the handles too
+
+
+def deselect_all() -> None:
+    """Deselect the NLA strips of all data-blocks, as the NLA Editor moves every selected strip."""
+    collections = (p for p in bpy.data.bl_rna.properties if p.type == "COLLECTION")
+    for owner in chain.from_iterable(getattr(bpy.data, p.identifier) for p in collections):
+        data = getattr(owner, "animation_data", None)
+        for track in data.nla_tracks if data is not None and owner.library is None else ():
+            for strip in track.strips:
+                strip.select = False
 
 
 def remove_clip(effect: bpy.types.Object, name: str) -> None:

@@ -26,9 +26,14 @@ def fps_of(scene: bpy.types.Scene) -> float:
     return float(scene.render.fps / scene.render.fps_base)
 
 
+def animation_fps(scene: bpy.types.Scene) -> float:
+    """Frames of the animation per second of playback; :func:`fps_of` without time remapping."""
+    return fps_of(scene) * _remapped(scene)
+
+
 def frames_per_shown_unit(scene: bpy.types.Scene) -> float:
     """Frames of the animation per displayed unit of time: 1, or those of a second of playback."""
-    return 1.0 if scene.hfx.time_unit == "FRAMES" else fps_of(scene) * _remapped(scene)
+    return 1.0 if scene.hfx.time_unit == "FRAMES" else animation_fps(scene)
 
 
 def shown_time(scene: bpy.types.Scene, frame: float) -> float:

@@ -384,6 +384,7 @@ class HFX_OT_add_walk(HfxOperator):
     """Make the active haptic body walk from place to place at an even speed"""
 
     bl_label = "Walk"
+    adds_clips = True
 
     places: CollectionProperty(
         name="Places", description="Waypoints of the walk, at least two", type=HfxPlace

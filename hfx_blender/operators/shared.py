@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 import bpy
 from bpy.props import StringProperty
 
+from ..authoring import clips
 from ..authoring.effects import effects, swarms
 from ..avatars.avatar_meshes import armature_of
 from ..engine.stepwise import finish
@@ -49,6 +50,8 @@ class HfxOperator(bpy.types.Operator):
     requires: ClassVar[tuple[Requirement, ...]] = ()
     leaves_mode: ClassVar[bool] = False
     """True for operators that start in Object Mode, as new objects become active."""
+    adds_clips: ClassVar[bool] = False
+    """True for operators whose NLA strips shall be the only selected strips, as new objects are."""
 
     def __init_subclass__(cls, **options: object) -> None:
         """Set id and tooltip: ``HFX_OT_add_clip`` is ``hfx.add_clip``, as Blender names the class
@@ -70,6 +73,8 @@ class HfxOperator(bpy.types.Operator):
         def work_in_mode() -> str | None:
             if self.leaves_mode:
                 to_object_mode(context)
+            if self.adds_clips:
+                clips.deselect_all()
             return self.work(context)
 
         return self.reported(work_in_mode)

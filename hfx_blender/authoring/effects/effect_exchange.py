@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ...blender import compat
-from ...blender.scene_info import fps_of, metres_of
+from ...blender.scene_info import animation_fps, metres_of
 from ...engine.body import areas
 from ...engine.body.model import load_model
 from ...engine.modality import MODALITIES
@@ -64,7 +64,7 @@ def place_sensation(
     # All checks come first, as a failed effect must not leave an incomplete sensation.
     for effect in sensation.effects:
         _check_recipe(effect, body)
-    fps = fps_of(scene)
+    fps = animation_fps(scene)
     created = []
     # Several effects of a sensation share a group.
     is_alone = len(sensation.effects) == 1 or not sensation.name
@@ -188,7 +188,7 @@ def _apply_volume(
     effect.hfx.falloff_share = volume.falloff_share
     effect.location = [o + x / unit_m for o, x in zip(origin, volume.location_m, strict=True)]
     effect.rotation_euler = [radians(angle) for angle in volume.rotation_deg]
-    fps = fps_of(scene)
+    fps = animation_fps(scene)
     # Paths of a file are F-curves of the location, one per axis.
     for axis in range(3) if volume.path else ():
         keys = [(frame + t * fps, origin[axis] + place[axis] / unit_m) for t, place in volume.path]
@@ -211,7 +211,7 @@ def sensation_of(
     is a meta strip."""
     if not chosen:
         raise InputError("Select the effects to save first.")
-    fps = fps_of(scene)
+    fps = animation_fps(scene)
     starts = [strip.frame_start for obj in chosen for _, strip in clips.strips_of(obj)]
     animated = ("hfx.drive[", "hfx.response[")  # besides location and path position
     starts += [

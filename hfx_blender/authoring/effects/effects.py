@@ -13,7 +13,7 @@ from ...blender.scene_info import metres_of, scene_objects
 from ...blender.stored_values import stored_at
 from ...engine.modality import MODALITIES
 from ...errors import InputError
-from .. import volumes
+from .. import clips, volumes
 
 if TYPE_CHECKING:
     import numpy as np
@@ -205,7 +205,8 @@ def add_on_body(
 
 def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
     """Copy an effect with a new id and copied actions into its local collections, or into ``HFX
-    Effects`` of the current scene without any."""
+    Effects`` of the current scene without any. The clips of the copy are the only selected ones."""
+    clips.deselect_all()
     copy = effect.copy()
     copy.hfx.uid = uuid.uuid4().hex
     if copy.animation_data is not None:
@@ -214,6 +215,7 @@ def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
             copy.animation_data.action = copy.animation_data.action.copy()
         for track in copy.animation_data.nla_tracks:
             for strip in track.strips:
+                strip.select = True
                 if strip.action is not None:
                     strip.action = strip.action.copy()
     collections = [collection for collection in effect.users_collection if _is_editable(collection)]

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 
 from ...blender import compat
-from ...blender.scene_info import fps_of
+from ...blender.scene_info import animation_fps
 from ...engine.body.model import load_model
 from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ...errors import InputError
@@ -163,6 +163,6 @@ def _animate(
     scene: bpy.types.Scene, effect: bpy.types.Object, path: str, curve: Curve, frame: float
 ) -> None:
     """Replace the keyframes of a property by a curve, with time 0 s at ``frame``."""
-    fps = fps_of(scene)
+    fps = animation_fps(scene)
     keys = zip((frame + curve.times_s * fps).tolist(), curve.values.tolist(), strict=True)
     compat.set_keys(compat.own_fcurve(effect, path, ""), keys)

@@ -12,7 +12,7 @@ from math import ceil, floor
 import bpy
 import numpy as np
 
-from ...blender.scene_info import fps_of, metres_of
+from ...blender.scene_info import animation_fps, metres_of
 from ...engine.body.model import PerceptualModel, load_model
 from ...engine.body.parts import PARTS
 from ...errors import InputError
@@ -114,7 +114,7 @@ def _add_clip(
 ) -> None:
     """Add one clip from ``frame`` with all taps of an effect: per drop (start in seconds, path
     position) a pulse of 60 ms in the activation, and two keys of the position."""
-    fps = fps_of(scene)
+    fps = animation_fps(scene)
     levels, positions = [(0.0, 0.0)], []
     for start, share in drops:
         # Two keys of a curve cannot share a time, and the clip has a key at 0.

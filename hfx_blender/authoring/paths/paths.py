@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...blender import compat
-from ...blender.scene_info import fps_of, metres_of
+from ...blender.scene_info import animation_fps, metres_of
 from ...errors import InputError
 from .. import clips
 from ..effects import effects
@@ -215,7 +215,7 @@ def record(
     path, shares = skin().traced(knots)
     set_path(effect, path, knots)
     effect[KIND], effect[CLOSED] = "traced", 0
-    frames = frame + (times - times[0]) * fps_of(scene)
+    frames = frame + (times - times[0]) * animation_fps(scene)
     set_motion(effect, list(zip(frames.tolist(), shares.tolist(), strict=True)), "LINEAR")
 
 
@@ -287,7 +287,7 @@ def motion_keys(
         keys = clips.linear_keys(curve)
     # Times count from the given frame, else from the first keyframe; earlier keyframes are at 0.
     start = keys[0][0] if first is None and keys else first or 0.0
-    fps = fps_of(scene)
+    fps = animation_fps(scene)
     stretch = 1.0
     if OWN in effect and len(path_of(effect)):
         # Shares of a temporarily extended path are converted to shares of the path itself.
@@ -305,6 +305,6 @@ def apply(
     keyframes, and starts at ``frame``; without a motion, keyframes stay."""
     length = draw(effect, recipe.points_m, kind=recipe.kind, closed=recipe.is_closed)
     if recipe.motion:
-        fps = fps_of(scene)
+        fps = animation_fps(scene)
         set_motion(effect, [(frame + t * fps, share) for t, share in recipe.motion], "LINEAR")
     return length

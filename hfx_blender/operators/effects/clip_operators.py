@@ -10,7 +10,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ...authoring import clips, drawn_fades
 from ...authoring.effects import swarms
-from ...blender.scene_info import fps_of, frame_at, frames_per_shown_unit, shown_time
+from ...blender.scene_info import animation_fps, frame_at, frames_per_shown_unit, shown_time
 from ...errors import InputError
 from ...text import shortened
 from .. import framing
@@ -55,14 +55,14 @@ def _shown(time: str, **limits: float) -> FloatProperty:
         scene, value = bpy.context.scene, float(getattr(operator, time))
         if time == "start":
             return shown_time(scene, value)
-        return value * fps_of(scene) / frames_per_shown_unit(scene)
+        return value * animation_fps(scene) / frames_per_shown_unit(scene)
 
     def store(operator: bpy.types.Operator, value: float) -> None:
         scene = bpy.context.scene
         if time == "start":
             setattr(operator, time, frame_at(scene, value))
         else:
-            setattr(operator, time, value * frames_per_shown_unit(scene) / fps_of(scene))
+            setattr(operator, time, value * frames_per_shown_unit(scene) / animation_fps(scene))
 
     return FloatProperty(
         name=label_of(time),
@@ -77,6 +77,7 @@ def _shown(time: str, **limits: float) -> FloatProperty:
 class _ClipOperator(_OfEffect):
     """Base of operators that add a clip. Stored are a frame and seconds, shown the scene's unit."""
 
+    adds_clips = True
     last_field: ClassVar[str]
     """Property of the subclass that the dialog shows last."""
 
@@ -111,7 +112,7 @@ class _ClipOperator(_OfEffect):
     def span(self, context: bpy.types.Context) -> dict[str, float]:
         """Start, end and fades of the clip in frames of the scene, as arguments of
         ``clips.add_clip``."""
-        fps = fps_of(context.scene)
+        fps = animation_fps(context.scene)
         start = self.start if self.start >= 0 else float(context.scene.frame_current)
         return {
             "frame_start": start,
@@ -137,7 +138,7 @@ class HFX_OT_add_clip(_ClipOperator):
 
 
 class HFX_OT_add_heartbeat(_ClipOperator):
-    """Add a heartbeat clip of whole beats; fades apply to the clip, not to each beat"""
+    """Add a heartbeat from the current frame on; fades apply to the clip, not to each beat"""
 
     bl_label = "Add Heartbeat"
 
@@ -224,6 +225,7 @@ class HFX_OT_copy_clips(_OfEffect):
     """Copy the clips of the active effect to the other selected effects"""
 
     bl_label = "Copy Clips to Selected"
+    adds_clips = True
 
     def work(self, context: bpy.types.Context) -> str:
         source = active_effect(context)

@@ -7,7 +7,7 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...authoring.effects import global_tools, swarms
-from ...blender.scene_info import fps_of
+from ...blender.scene_info import animation_fps
 from ...errors import InputError
 from .. import framing
 from ..shared import HfxOperator, OnBodyOperator, select_only, target_body
@@ -89,7 +89,7 @@ class HFX_OT_modulate(_ManyEffects):
 
     def work(self, context: bpy.types.Context) -> str:
         count = global_tools.modulate(
-            self.chosen(context), self.rate, self.depth, fps_of(context.scene)
+            self.chosen(context), self.rate, self.depth, animation_fps(context.scene)
         )
         return f"Effects modulated: {count}"
 
@@ -98,6 +98,7 @@ class HFX_OT_add_rain(OnBodyOperator):
     """Add rain on the body, or replace the rain of the same name"""
 
     bl_label = "Rain"
+    adds_clips = True
 
     drops_per_second: FloatProperty(
         name="Drops per Second",

@@ -20,7 +20,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
-from ...blender.scene_info import fps_of, metres_of
+from ...blender.scene_info import animation_fps, metres_of
 from ...engine.modality import MODALITY_ITEMS
 from ...files import kinds
 from ..shared import (
@@ -173,7 +173,7 @@ class HFX_OT_move_along_path(PathOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         scene, effect = context.scene, active_spot(context)
-        step = self.seconds * fps_of(scene)
+        step = self.seconds * animation_fps(scene)
         start = float(scene.frame_current)
         keys: list[tuple[float, float]] = []
         for k in range(self.repeats):

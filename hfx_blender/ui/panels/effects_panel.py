@@ -128,7 +128,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         strips, group = clips.strips_of(effect), effects.group_of(effect)
         if strips:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
-            layout.row().prop(context.scene.hfx, "time_unit", expand=True)
+        layout.row().prop(context.scene.hfx, "time_unit", expand=True)
         if strips and len(list_rows.active_group()) > 1:
             layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
         # A check of the scene rebuilds the rows after this drawing: their number may differ here.
@@ -225,7 +225,7 @@ class HFX_PT_media(HfxPanel, bpy.types.Panel):
             row.prop(strip, "name", text="", icon="SOUND")
             row.prop(strip, "mute", text="", icon="HIDE_ON" if strip.mute else "HIDE_OFF")
             row = column.row(align=True)
-            row.prop(strip, "frame_start", text="Start")
+            row.prop(strip, "frame_start", text="Start Frame")
             row.prop(strip, "volume")
         for owner in media.videos_of(context.scene):
             is_world = isinstance(owner, bpy.types.World)
@@ -234,6 +234,6 @@ class HFX_PT_media(HfxPanel, bpy.types.Panel):
             row.prop(owner, "name", text="", icon="WORLD" if is_world else "IMAGE_DATA")
             if not is_world:
                 row.prop(owner, "hide_viewport", text="")
-            column.prop(owner, f'["{media.START}"]', text="Start")
+            column.prop(owner, f'["{media.START}"]', text="Start Frame")
         if sounds:
             layout.prop(context.scene, "sync_mode", text="Playback")

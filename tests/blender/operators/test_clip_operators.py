@@ -101,9 +101,68 @@ def test_solo_silences_all_others(effect: Any) -> None:
     assert felt() == set()
 
 
-def test_a_heartbeat_has_whole_beats(effect: Any) -> None:
-    strip = clips.add_heartbeat(effect, 10, 100, beats_per_minute=60.0)  # 3.75 s
-    assert (strip.frame_start, strip.frame_end, strip.repeat) == (10.0, 106.0, 4.0)
+def test_a_heartbeat_lasts_as_long_as_shown(effect: Any) -> None:
+    bpy.ops.hfx.add_heartbeat(start=13.0)  # 1 s at 24 frames a second, 72 beats a minute
+    ((_, strip),) = clips.strips_of(effect)
+    assert (strip.frame_start, strip.frame_end) == (13.0, 37.0)
+    assert (strip.repeat, strip.scale) == pytest.approx((1.2, 1.0))
+    # A beat is 20 frames: the second begins at 33, with its peak after 0.08 of a beat.
+    assert level(effect, 13 + 1.6) == pytest.approx(1.0)
+    assert level(effect, 33 + 1.6) == pytest.approx(1.0)
+    assert level(effect, 37.5) == 0.0
+    strip = clips.add_heartbeat(effect, 50, 140, beats_per_minute=60.0)
+    assert (strip.frame_end, strip.repeat) == (140.0, 3.75)
+
+
+@pytest.mark.parametrize("share", [0.04, 0.34])
+def test_a_heartbeat_shorter_than_a_beat_is_cut(effect: Any, share: float) -> None:
+    strip = clips.add_heartbeat(effect, 10, 10 + share * 240, beats_per_minute=6.0)
+    assert (strip.repeat, strip.scale) == pytest.approx((1.0, 1.0))
+    # Half way up the strong pulse (0 to 0.08), and half way up the weak one (0.3 to 0.38, 0.6).
+    expected = {0.04: 0.5, 0.34: 0.3}[share]
+    assert clips.envelope(strip, 2)[-1][1] == pytest.approx(expected, abs=1e-4)
+
+
+def test_seconds_of_clips_are_seconds_of_playback(effect: Any) -> None:
+    scene = bpy.context.scene
+    # Every frame of the animation is played as two: a second has 12 frames of the animation.
+    scene.render.frame_map_old, scene.render.frame_map_new = 100, 200
+    bpy.ops.hfx.add_clip(start=13.0, duration=2.0, fade_in=0.5)
+    ((_, strip),) = clips.strips_of(effect)
+    assert (strip.frame_end, strip.blend_in) == (37.0, 6.0)
+    bpy.ops.hfx.add_heartbeat(start=50.0, duration=2.0, beats_per_minute=60.0)
+    (_, beats) = (strip for _, strip in clips.strips_of(effect))
+    assert (beats.frame_end, beats.repeat) == (74.0, 2.0)
+
+
+ADDITIONS = {
+    "clip": lambda: bpy.ops.hfx.add_clip(start=40.0),
+    "heartbeat": lambda: bpy.ops.hfx.add_heartbeat(start=40.0),
+    "rain": lambda: bpy.ops.hfx.add_rain(duration=0.5),
+    "sensation": lambda: bpy.ops.hfx.add_from_library(name="hug"),
+    "paste": lambda: (bpy.ops.hfx.copy_effects(), bpy.ops.hfx.paste_effects()),
+    "mirrored": lambda: bpy.ops.hfx.effect_mirrored(),
+}
+
+
+@pytest.mark.parametrize("name", ADDITIONS)
+def test_added_clips_are_the_only_selected_clips(effect: Any, name: str) -> None:
+    bpy.ops.hfx.add_clip(start=10.0)
+    camera = bpy.data.cameras.new("Camera")
+    camera.keyframe_insert("lens", frame=1)
+    data = camera.animation_data
+    data.nla_tracks.new().strips.new("Zoom", 1, data.action)
+    older = {strip.as_pointer() for strip in all_strips()}
+    ADDITIONS[name]()
+    added = [strip for strip in all_strips() if strip.as_pointer() not in older]
+    assert added and all(strip.select for strip in added)
+    assert not [strip.name for strip in all_strips() if strip.select and strip not in added]
+
+
+def all_strips() -> list[Any]:
+    owners = [*bpy.data.objects, *bpy.data.cameras]
+    tracks = [t for o in owners if o.animation_data for t in o.animation_data.nla_tracks]
+    return [strip for track in tracks for strip in track.strips]
 
 
 def test_an_envelope_is_what_the_effect_is_evaluated_to(effect: Any) -> None:

@@ -265,7 +265,7 @@ def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None
     rows = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
     assert {"hfx_preview", "palette", "hfx_rows"} <= set(rows)
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
-    assert "No clips: on for the whole timeline" in shown
+    assert {"No clips: on for the whole timeline", "time_unit"} <= set(shown)
     bpy.ops.hfx.add_clip()
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
     assert "time_unit" in shown and "repeat" not in shown
