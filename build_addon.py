@@ -14,13 +14,12 @@ import argparse
 import platform
 import sys
 import tomllib
-import zipfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from hfx_blender.files.atomic import atomic_file
 from release import addon_wheels, native_build, native_wheel
 from release.addon_wheels import PLATFORMS, PYTHONS, WheelError
+from release.archives import write_zip
 from release.native_build import BuildError
 
 ROOT = Path(__file__).resolve().parent
@@ -31,7 +30,6 @@ LICENCE = ROOT / "LICENSE"
 WHEELS = ROOT / "build" / "wheels"
 _LEFT_OUT = {"__pycache__", MANIFEST}
 _STRAY = {".tmp", ".bak", ".orig", ".pyc", ".blend1", ".new", ".so", ".dll", ".dylib"}
-_TIME = (1980, 1, 1, 0, 0, 0)  # equal bytes for equal content
 
 
 def files() -> dict[str, Path]:
@@ -79,17 +77,8 @@ def build(folder: Path, tag: str = "", text: str = "", wheels: Sequence[Path] = 
     content |= {f"wheels/{path.name}": path.read_bytes() for path in wheels}
     own = {addon_wheels.own_licence(path.name) for path in wheels}
     content |= {f"licences/{path.name}": path.read_bytes() for path in own if path.exists()}
-    folder.mkdir(parents=True, exist_ok=True)
-    target = folder / ("-".join(filter(None, (identity["id"], identity["version"], tag))) + ".zip")
-    with atomic_file(target) as file, zipfile.ZipFile(file, "w") as archive:
-        for name in sorted(content):
-            entry = zipfile.ZipInfo(name, _TIME)
-            stored = name.endswith(".whl")
-            entry.compress_type = zipfile.ZIP_STORED if stored else zipfile.ZIP_DEFLATED
-            entry.create_system = 3  # Unix, also when built on Windows
-            entry.external_attr = 0o100644 << 16
-            archive.writestr(entry, content[name], compresslevel=9)
-    return target
+    name = "-".join(filter(None, (identity["id"], identity["version"], tag)))
+    return write_zip(folder / f"{name}.zip", content)
 
 
 def build_for(

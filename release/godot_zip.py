@@ -11,14 +11,17 @@ from __future__ import annotations
 import configparser
 import re
 import sys
-import zipfile
 from pathlib import Path
+
+if not __package__:  # run as a program
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from release.archives import write_zip
 
 ROOT = Path(__file__).resolve().parents[1]
 ADDON = ROOT / "players" / "godot" / "addons" / "hfx"
 PLATFORMS = ("linux.x86_64", "linux.arm64", "windows.x86_64", "macos", "android.arm64")
 _SUFFIXES = {".gd", ".uid", ".svg", ".cfg", ".md", ".gdextension", ".so", ".dll", ".dylib"}
-_TIME = (1980, 1, 1, 0, 0, 0)  # equal bytes for equal content
 
 
 def files(addon: Path = ADDON) -> dict[str, Path]:
@@ -51,14 +54,8 @@ def version(addon: Path = ADDON) -> str:
 
 def write(folder: Path, addon: Path = ADDON) -> Path:
     """Write the zip; equal files give equal bytes."""
-    folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"hfx-godot-{version(addon)}.zip"
-    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, path in files(addon).items():
-            entry = zipfile.ZipInfo(name, _TIME)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(entry, path.read_bytes())
-    return target
+    return write_zip(target, {name: path.read_bytes() for name, path in files(addon).items()})
 
 
 def main() -> int:

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Build hook of hatchling: compiles the library of ``engine/native``.
 
-The package works without the library, slower, so a failure does not stop the installation.
+The package works without the library, slower, so a failure does not stop an installation. The
+environment variable ``HFX_PLATFORM`` names another platform for a wheel, as in
+``native_build.TARGETS``; a failure stops such a build.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 from pathlib import Path
@@ -28,7 +31,8 @@ class NativeLibraryHook(BuildHookInterface[Any]):
         return native_build.requirements(Path(self.root))
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        target = native_build.this_target()
+        platform = os.environ.get("HFX_PLATFORM")
+        target = native_build.TARGETS[platform] if platform else native_build.this_target()
         if not native_build.wanted() or target is None:
             return
         root = Path(self.root)
@@ -39,11 +43,14 @@ class NativeLibraryHook(BuildHookInterface[Any]):
                 folder = library.parent if is_editable else self._folder()
                 library = native_build.build(target, folder, native_build.compiler(), root)
         except Exception as error:
+            if platform:
+                raise
             self.app.display_warning(
                 f"HFX is installed without its compiled library and works in numpy, slower: {error}"
             )
             return
-        if not is_editable and any(tag.platform == target.wheel for tag in sys_tags()):
+        is_wanted = bool(platform) or any(tag.platform == target.wheel for tag in sys_tags())
+        if not is_editable and is_wanted:
             build_data["force_include"][str(library)] = (
                 native_build.NATIVE / target.library
             ).as_posix()

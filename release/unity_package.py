@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
-import gzip
-import io
 import json
 import subprocess
 import sys
-import tarfile
 from pathlib import Path
+
+if not __package__:  # run as a program
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from release import archives
 
 PLAYERS = Path(__file__).resolve().parents[1] / "players"
 PACKAGE = PLAYERS / "unity"
@@ -28,16 +30,7 @@ def write_tarball(folder: Path, package: Path = PACKAGE) -> Path:
     """Write ``NAME-VERSION.tgz`` in the layout of npm; the same files give the same bytes."""
     files = package_files(package)
     facts = json.loads(files["package.json"])
-    path = folder / f"{facts['name']}-{facts['version']}.tgz"
-    content = io.BytesIO()
-    with tarfile.open(fileobj=content, mode="w", format=tarfile.USTAR_FORMAT) as tar:
-        for name, data in files.items():
-            entry = tarfile.TarInfo(f"package/{name}")
-            entry.size, entry.mode = len(data), 0o644
-            tar.addfile(entry, io.BytesIO(data))
-    folder.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(gzip.compress(content.getvalue(), mtime=0))
-    return path
+    return archives.write_tarball(folder / f"{facts['name']}-{facts['version']}.tgz", files)
 
 
 if __name__ == "__main__":

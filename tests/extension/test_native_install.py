@@ -122,6 +122,29 @@ def test_a_wheel_that_this_python_would_refuse_is_made_without(
     assert data == _data()
 
 
+def test_a_wheel_for_another_platform_holds_its_library(
+    hook: Any, compiled: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HFX_PLATFORM", "windows-x64")
+    data = _data()
+    hook.initialize("standard", data)
+    (name,) = data["force_include"].values()
+    assert name == "hfx_blender/engine/native/hfx_native.dll"
+    assert data["tag"] == "py3-none-win_amd64" and data["pure_python"] is False
+
+
+def test_a_release_stops_where_a_platform_does_not_compile(
+    hook: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> Path:
+        raise native_build.BuildError("no compiler")
+
+    monkeypatch.setattr(native_build, "compiler", fail)
+    monkeypatch.setenv("HFX_PLATFORM", "macos-arm64")
+    with pytest.raises(native_build.BuildError, match="no compiler"):
+        hook.initialize("standard", _data())
+
+
 @pytest.mark.parametrize("version", ["editable", "standard"])
 @pytest.mark.parametrize("fault", ["missing", "crashing", "source", "read-only"])
 def test_the_installation_goes_on_without_a_library(

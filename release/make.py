@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Build all files of a release: ``python release/make.py`` writes them into ``dist/``.
+
+=====================  ==========================================================
+folder                 files
+=====================  ==========================================================
+``python``             wheels with the compiled library, source distribution
+``blender``            extension for each platform, small extension
+``games``              packages for Godot, Unity, the web, and C and C++
+``site``               documentation (``--site``)
+``.``                  SHA-256 sums, bill of materials, licences of other projects
+=====================  ==========================================================
+
+Needs ``pip install -r release/requirements.txt``, and the internet for the wheels in the
+extension. Two runs from equal sources give equal bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+if not __package__:  # run as a program
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import build_addon
+from hfx_blender.files.atomic import atomic_file
+from hfx_blender.version import __version__
+from release import addon_wheels, bill_of_materials, godot_zip, native_build, unity_package
+from release.archives import write_tarball, write_zip
+from release.single_header import single_header
+
+ROOT = Path(__file__).resolve().parents[1]
+PLAYERS = ROOT / "players"
+_EPOCH = "315532800"  # 1980-01-01, the oldest time of a zip
+# Platforms of the module bpy, which the command needs.
+WHEEL_PLATFORMS = ("linux-arm64", "linux-x64", "macos-arm64", "macos-x64", "windows-x64")
+PARTS = ("python", "blender", "games")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("-o", "--output", type=Path, default=ROOT / "dist", metavar="DIR")
+    parser.add_argument(
+        "--part", action="append", choices=PARTS, help="build one part (repeatable; default: all)"
+    )
+    parser.add_argument("--site", action="store_true", help="build the documentation, too")
+    options = parser.parse_args()
+    output: Path = options.output
+    builders = {"python": python_packages, "blender": extensions, "games": game_packages}
+    try:
+        for part in options.part or PARTS:
+            shutil.rmtree(output / part, ignore_errors=True)
+            for path in builders[part](output / part):
+                _say(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+        if options.site:
+            _say(str(site(output / "site")))
+        summaries(output)
+    except (addon_wheels.WheelError, native_build.BuildError) as error:
+        sys.stderr.write(f"{error}\n")
+        return 3
+    except subprocess.CalledProcessError as error:
+        command = " ".join(str(part) for part in error.cmd)
+        sys.stderr.write(f"{command} failed with exit code {error.returncode}.\n")
+        return 3
+    return 0
+
+
+def python_packages(folder: Path) -> list[Path]:
+    """Build a wheel for each platform and the source distribution; returns their paths."""
+    for platform in WHEEL_PLATFORMS:
+        _hatchling("wheel", folder, HFX_PLATFORM=platform)
+    _hatchling("sdist", folder)
+    return sorted([*folder.glob("*.whl"), *folder.glob("*.tar.gz")])
+
+
+def _hatchling(target: str, folder: Path, **environment: str) -> None:
+    command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)]
+    subprocess.run(
+        command,
+        cwd=ROOT,
+        env={**os.environ, "SOURCE_DATE_EPOCH": _EPOCH, **environment},
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+
+
+def extensions(folder: Path) -> list[Path]:
+    """Build the extension for each platform and the small extension; returns their paths."""
+    zig = native_build.fetched_compiler(_say)
+    cache = build_addon.WHEELS
+    zips = [
+        build_addon.build_for(platform, addon_wheels.default_pythons(platform), folder, cache, zig)
+        for platform in addon_wheels.PLATFORMS
+    ]
+    return [*zips, build_addon.build_small(folder, cache, zig)]
+
+
+def game_packages(folder: Path) -> list[Path]:
+    """Compile the players and pack them for Godot, Unity, the web, and C; returns the paths."""
+    _run(sys.executable, PLAYERS / "native" / "build.py")
+    absent = godot_zip.missing()
+    if absent:
+        raise native_build.BuildError(f"Godot's add-on lacks {', '.join(absent)}.")
+    return [
+        godot_zip.write(folder),
+        unity_package.write_tarball(folder),
+        web_package(folder),
+        core_package(folder),
+    ]
+
+
+def web_package(folder: Path) -> Path:
+    """Write the npm package with its compiled script and pages of one file; returns its path."""
+    web = PLAYERS / "web"
+    facts = json.loads((web / "package.json").read_text(encoding="utf-8"))
+    names = ["package.json", "README.md", "LICENSE", "index.d.ts"]
+    files = {name: (web / name).read_bytes() for name in names}
+    with tempfile.TemporaryDirectory() as temporary:
+        _run(sys.executable, web / "build.py", temporary)
+        for path in sorted(Path(temporary).iterdir()):
+            files[f"dist/{path.name}"] = path.read_bytes()
+    return write_tarball(folder / f"{facts['name']}-{facts['version']}.tgz", files)
+
+
+def core_package(folder: Path) -> Path:
+    """Write the C core, its single header, the C++ classes and the examples; returns the path."""
+    files = {"hfx_player.h": single_header().encode()}
+    for part in ("core", "cpp", "examples"):
+        for path in sorted((PLAYERS / part).rglob("*")):
+            if path.is_file() and "target" not in path.parts and "__pycache__" not in path.parts:
+                files[path.relative_to(PLAYERS).as_posix()] = path.read_bytes()
+    files["LICENSE"] = (PLAYERS / "core" / "LICENSE").read_bytes()
+    files["format.md"] = (ROOT / "docs" / "formats" / "clip.md").read_bytes()
+    return write_zip(folder / f"hfx-core-{__version__}.zip", files)
+
+
+def site(folder: Path) -> Path:
+    """Build the documentation as web pages; a broken link stops the build. Returns the folder."""
+    _run(sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", folder)
+    return folder
+
+
+def summaries(output: Path) -> None:
+    """Write the sums, the bill of materials and the licences of other projects into a folder."""
+    artefacts = sorted(path for part in PARTS for path in (output / part).glob("*"))
+    lock = addon_wheels.read_lock()
+    wheels = [addon_wheels.fetch(name, lock[name], build_addon.WHEELS) for name in lock]
+    bill = bill_of_materials.bill(__version__, artefacts, wheels)
+    _write(output / f"hfx-{__version__}.cdx.json", bill)
+    licences = bill_of_materials.third_party_licences(wheels)
+    _write(output / "THIRD-PARTY-LICENCES.txt", licences)
+    lines = [
+        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(output).as_posix()}\n"
+        for path in artefacts
+    ]
+    _write(output / "SHA256SUMS", "".join(lines))
+
+
+def _write(path: Path, text: str) -> None:
+    with atomic_file(path) as file:
+        file.write(text.encode())
+
+
+def _run(*command: str | Path) -> None:
+    subprocess.run([str(part) for part in command], cwd=ROOT, check=True)
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
