@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import partial
+from math import tau
+from typing import Any
 
 import bpy
 from bpy_extras import view3d_utils
@@ -17,6 +19,7 @@ from ..playback.timeline import timeline_clips
 _VIEW = ("view_location", "view_rotation", "view_distance", "view_perspective")
 _BESIDE = 9  # distance from an edge, pixels
 _DRAWN_S = 0.05
+_TURNED = 1e-3  # smallest turn of a view by a user, radians
 
 _joining: partial[None] | None = None
 
@@ -134,15 +137,19 @@ def _join(window: bpy.types.Window, x: int, y: int) -> None:
         bpy.ops.screen.area_join(source_xy=(x, y - _BESIDE), target_xy=(x, y + _BESIDE))
 
 
-def state(area: bpy.types.Area) -> list[dict[str, object]]:
+def state(area: bpy.types.Area) -> list[dict[str, Any]]:
     """Location, rotation, distance and projection of each view of a 3D viewport, as copies."""
     saved = [{name: getattr(view.data, name) for name in _VIEW} for view in views(area)]
     # Vectors and quaternions are references into Blender's memory, which change with the view.
     return [{n: v.copy() if hasattr(v, "copy") else v for n, v in view.items()} for view in saved]
 
 
-def restore(area: bpy.types.Area, before: list[dict[str, object]]) -> None:
-    """Restore the views of :func:`state`; only the last if quad view was left since."""
+def restore(area: bpy.types.Area, before: list[dict[str, Any]]) -> None:
+    """Restore the views of :func:`state` that were not turned since; only the last if quad view was
+    left since."""
     for region, values in zip(reversed(views(area)), reversed(before), strict=False):
+        turn = region.data.view_rotation.rotation_difference(values["view_rotation"]).angle
+        if abs(turn - round(turn / tau) * tau) > _TURNED:
+            continue
         for name, value in values.items():
             setattr(region.data, name, value)

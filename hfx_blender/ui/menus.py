@@ -36,7 +36,7 @@ class HFX_MT_add(bpy.types.Menu):
             add("hfx.add_volume", label, icon).shape = shape
         add("hfx.volume_from_mesh", "From Selected Mesh", "MESH_DATA")
         layout.separator()
-        add("hfx.add_painted", "Painted Effect", "BRUSH_DATA")
+        draw_paint_menu(layout, "Painted Effect")
         add("hfx.add_spot", "Point on the Skin", "CURVE_PATH")
         layout.operator("hfx.add_vector_sensation", icon="GRAPH")
         layout.separator()
@@ -73,9 +73,7 @@ class HFX_MT_object(bpy.types.Menu):
         elif active_body(context) is None:
             layout.operator("hfx.mark_body", icon="ADD")
         else:
-            layout.operator_menu_enum(
-                "hfx.add_painted", "modality", text="Painted Effect", icon="BRUSH_DATA"
-            )
+            draw_paint_menu(layout, "Painted Effect")
         layout.operator("hfx.paste_effects", icon="PASTEDOWN")
 
 
@@ -105,6 +103,12 @@ def draw_import_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator("hfx.import_hjif", text="Haptics (.hjif)")
 
 
+def draw_paint_menu(layout: bpy.types.UILayout, text: str = "Paint an Effect") -> None:
+    """Draw the menu of modalities that adds an effect and starts painting."""
+    menu = layout.operator_menu_enum("hfx.add_painted", "modality", text=text, icon="BRUSH_DATA")
+    menu.paint = True
+
+
 def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> bool:
     """Draw the button of the next step until the scene has an effect; returns True if drawn."""
     scene = context.scene
@@ -116,9 +120,7 @@ def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> b
                 "hfx.add_avatar", text="Add Built-In Avatar", icon="OUTLINER_OB_ARMATURE"
             )
     elif not swarms.listed_effects(scene):
-        layout.operator_menu_enum(
-            "hfx.add_painted", "modality", text="Paint an Effect", icon="BRUSH_DATA"
-        ).paint = True
+        draw_paint_menu(layout)
     else:
         return False
     return True
@@ -126,16 +128,18 @@ def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> b
 
 def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
     """Draw the button of the next step: *Finish Painting* during painting; once the scene has a
-    body, the first steps, then those of the active effect (paint, transfer the area, add a clip),
-    and export last."""
+    body, *Paint an Effect* and the next step of the active effect (paint, transfer the area, add a
+    clip), and export last."""
     active, effect, layout = context.object, active_effect(context), self.layout
     if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
         layout.operator("hfx.paint_end", icon="CHECKMARK")
-    elif not effects.bodies_of(context.scene) or draw_first_step(context, layout):
         return
-    elif effect is None:
+    if not effects.bodies_of(context.scene) or draw_first_step(context, layout):
         return
-    elif effect.hfx.kind == "PAINTED" and not effects.area(effect)[0]:
+    draw_paint_menu(layout)
+    if effect is None:
+        return
+    if effect.hfx.kind == "PAINTED" and not effects.area(effect)[0]:
         layout.operator("hfx.paint_begin", icon="BRUSH_DATA")
     elif effects.has_other_area(effect):
         layout.operator("hfx.area_keep", icon="FORWARD")

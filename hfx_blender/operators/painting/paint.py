@@ -61,9 +61,10 @@ class HFX_OT_paint_begin(_PaintedOperator):
         canvas = painting.begin(context, effect)
         if context.mode != "OBJECT":
             bpy.ops.object.mode_set(mode="OBJECT")
-        # Only the canvas stays visible: the avatar's own meshes would cover it.
+        # The avatar's own meshes would cover the canvas.
         paint_view.hide_others(context, canvas)
-        select_only(context, canvas)
+        # The NLA Editor shows the clips of selected objects.
+        select_only(context, canvas, effect)
         if not bpy.app.background:
             paint_view.enter(context, canvas)
             bpy.ops.object.mode_set(mode="WEIGHT_PAINT")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import bpy
 from bpy.app.handlers import persistent
@@ -37,13 +37,21 @@ _OPACITY = 0.45
 
 _LEAST_PIXELS, _MOST_PIXELS = 4.0, 500.0
 
-_before: dict[int, tuple[list[dict[str, object]], float]] = {}
+_before: dict[int, tuple[list[dict[str, Any]], float]] = {}
 """Views and opacity before painting, by the viewport's pointer; for as long as Blender runs."""
 
 
 def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
-    """Hide all visible objects except the painted mesh; the mesh stores the hidden objects."""
-    others = [obj for obj in context.view_layer.objects if obj != canvas and obj.visible_get()]
+    """Hide all visible objects except the painted mesh and effects on bodies; the mesh stores the
+    hidden objects."""
+    # The NLA Editor leaves out hidden objects; effects on bodies are empties without a surface.
+    others = [
+        obj
+        for obj in context.view_layer.objects
+        if obj != canvas
+        and obj.visible_get()
+        and not (obj.hfx.role == "EFFECT" and obj.hfx.kind in effects.ON_A_BODY)
+    ]
     for obj in others:
         obj.hide_set(True)
     canvas[_HIDDEN] = {str(number): obj for number, obj in enumerate(others)}
@@ -86,7 +94,8 @@ def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
 
 
 def leave() -> None:
-    """Restore views and opacity from before painting, in all workspaces."""
+    """Restore opacity and views from before painting, in all workspaces; a view turned during
+    painting stays."""
     for screen in bpy.data.screens:  # includes other workspaces
         for area in screen.areas:
             view = _before.pop(area.as_pointer(), None)

@@ -12,7 +12,7 @@ from ...operators.effects.clip_operators import draw_clip_buttons
 from ...operators.export_operator import draw_devices, last_written
 from ...operators.shared import active_armature, active_effect
 from ...playback.preview.preview import preview
-from ..menus import draw_first_step
+from ..menus import draw_first_step, draw_paint_menu
 from ..sidebar import HfxPanel, draw_text
 from . import list_rows
 
@@ -101,6 +101,8 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         row = layout.row(align=True)
         row.menu("HFX_MT_add", text="Add", icon="ADD")
         if listed:
+            if has_body:
+                draw_paint_menu(row, "Paint")
             row.operator("hfx.copy_effects", text="", icon="COPYDOWN")
             row.operator("hfx.paste_effects", text="", icon="PASTEDOWN")
             row = layout.row(align=True)

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from mathutils import Vector
+from mathutils import Quaternion, Vector
 
 from hfx_blender.authoring import clips, painting
 from hfx_blender.authoring.effects import effects
@@ -374,6 +374,39 @@ def test_painting_shows_the_area_and_takes_it_over(body: Any) -> None:
     assert effects.area(effect) == ([3, 5], [0.5, 0.75])
     assert not [obj for obj in bpy.data.objects if obj.name.endswith("Area")]
     assert not [mesh for mesh in bpy.data.meshes if mesh.name.endswith("Area")]
+
+
+def test_clips_of_the_painted_effect_stay_in_the_nla_editor(body: Any) -> None:
+    """The editor shows selected objects that are not hidden."""
+    bpy.ops.hfx.add_volume()
+    volume = bpy.context.object
+    other, effect = painted(), painted()
+    bpy.ops.hfx.paint_begin()
+    canvas = bpy.context.object
+    assert canvas.get(painting.PAINTED_EFFECT) == effect
+    assert set(bpy.context.selected_objects) == {effect, canvas}
+    assert effect.visible_get() and other.visible_get() and not volume.visible_get()
+    bpy.ops.hfx.paint_end()
+    assert volume.visible_get() and bpy.context.selected_objects == [effect]
+
+
+def test_a_view_turned_while_painting_stays() -> None:
+    """Half a turn about Z stays; a view that was only moved returns."""
+    view = SimpleNamespace(
+        view_location=Vector(), view_rotation=Quaternion(), view_distance=10.0,
+        view_perspective="PERSP",
+    )  # fmt: skip
+    area: Any = SimpleNamespace(regions=[SimpleNamespace(type="WINDOW", data=view)])
+    before = framing.state(area)
+    view.view_distance = 3.0
+    framing.restore(area, before)
+    assert view.view_distance == 10.0
+    view.view_rotation, view.view_distance = Quaternion((0.0, 0.0, 0.0, 1.0)), 3.0
+    framing.restore(area, before)
+    assert view.view_rotation.z == 1.0 and view.view_distance == 3.0
+    view.view_rotation = Quaternion((-1.0, 0.0, 0.0, 0.0))  # the first rotation, negated
+    framing.restore(area, before)
+    assert view.view_distance == 10.0
 
 
 def test_the_canvas_stands_where_the_body_does(body: Any) -> None:

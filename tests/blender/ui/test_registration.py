@@ -131,6 +131,7 @@ class Layout:
 
     def __init__(self) -> None:
         self.shown: list[str] = []
+        self.operators: list[tuple[str, Properties]] = []
 
     def label(self, *, text: str, icon: str = "NONE") -> None:
         self._show(text, icon)
@@ -174,7 +175,8 @@ class Layout:
         module, _, name = idname.partition(".")
         actual = getattr(getattr(bpy.ops, module), name).get_rna_type()
         self._show(idname, icon)
-        return Properties(actual)
+        self.operators.append((idname, Properties(actual)))
+        return self.operators[-1][1]
 
     def _show(self, what: str, icon: str) -> None:
         assert icon in self.ICONS, icon
@@ -191,6 +193,7 @@ class Properties:
         actual = self.bl_rna.properties[name]
         if actual.type == "ENUM":
             assert value in actual.enum_items.keys()
+        self.__dict__[name] = value
 
 
 def drawn(draw: Callable[..., None], context: Any) -> list[str]:
@@ -211,6 +214,21 @@ def test_the_panel_says_what_to_do_in_an_empty_scene(scene: Any) -> None:
     bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
     shown = " ".join(drawn(effects_panel.HFX_PT_effects.draw, bpy.context))
     assert "First" not in shown and "Next" not in shown
+
+
+def test_painting_a_further_effect_is_as_near_as_the_first(scene: Any) -> None:
+    """All three menus add an effect and start painting."""
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="pressure")
+    for draw in (
+        menus.draw_header,
+        effects_panel.HFX_PT_effects.draw,
+        menus.HFX_MT_add.draw,
+    ):
+        layout = Layout()
+        draw(SimpleNamespace(layout=layout), bpy.context)
+        added = [item for name, item in layout.operators if name == "hfx.add_painted"]
+        assert [item.paint for item in added] == [True]
 
 
 @pytest.mark.parametrize(

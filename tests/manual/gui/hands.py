@@ -103,8 +103,10 @@ def adjust(h: Any, values: dict[int, str], shot: str = "") -> Iterator[float]:
 
 
 def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]:
-    """Fill Body Part in the sidebar: a column and a row of the menu."""
-    paint = yield from h.button(h.region("UI"), bpy.types.HFX_OT_paint_begin)
+    """Fill Body Part in the sidebar while painting, a column and a row of the menu, and finish."""
+    yield from h.until(lambda: bpy.context.mode == "PAINT_WEIGHT", "painting has begun", 60)
+    yield 1.0
+    paint = yield from h.button(h.region("UI"), bpy.types.HFX_OT_paint_end)
     menus = yield from h.choices(h.region("UI"))
     yield from h.click(*next(menu for menu in menus if menu[1] > paint[1]))
     yield 0.6
@@ -119,6 +121,9 @@ def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]
             columns.append([place])
     column, row = entry
     yield from h.click(*sorted(columns[column], key=lambda place: place[1])[row])
+    yield 0.8
+    yield from h.press_button("HFX_OT_paint_end")
+    yield from h.until(lambda: bpy.context.mode == "OBJECT", "painting has ended", 60)
     yield 0.8
 
 

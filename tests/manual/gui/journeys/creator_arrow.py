@@ -26,8 +26,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.add_avatar(h)
     pressure = hands.MODALITIES.index("pressure")
     yield from hands.add_haptic(h, hands.PAINTED_ROW, pressure, shot="1_painted_effect.png")
-    yield from h.press_button("HFX_OT_paint_begin")
-    yield from h.until(lambda: bpy.context.mode == "PAINT_WEIGHT", "Paint opens Weight Paint", 20)
+    yield from h.until(lambda: bpy.context.mode == "PAINT_WEIGHT", "painting begins at once", 20)
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))
     yield from h.key("ctrl+KP_1")
     yield 1.0
@@ -65,6 +64,10 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(lambda: bpy.context.mode == "OBJECT", "Finish Painting ends it", 20)
     h.check(canvas() is None, "the mesh that was painted on is gone")
     h.check(bpy.context.object == hands.effect("pressure"), "the effect is selected again")
+    turn = h.area().spaces.active.region_3d.view_rotation
+    yield 0.5
+    h.shot("3_finished.png")
+    h.check(abs(turn.z) > 0.6, f"the back stays in view: {tuple(turn)}")
     check_arrow(h)
 
     yield from hands.go_to(h, round(2.5 * FPS))
@@ -75,9 +78,6 @@ def steps(h: Any) -> Iterator[float]:
     span = strip.frame_start, strip.frame_end
     h.check(span == (frame, frame + FPS / 2), f"one clip of half a second {span}")
 
-    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
-    yield from h.key("ctrl+KP_1")  # finishing has brought the view from before back
-    yield 1.0
     yield from hands.go_to(h, frame - 3)
     h.check(not is_green(h, h.shot("5_before.png")), "before it, nothing is felt")
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))
