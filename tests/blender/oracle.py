@@ -238,7 +238,9 @@ def add_painted(name: str, modality: str, body: Any, part: str = "all") -> Any:
 def add_clip(effect: Any, start: float, end: float, **fades: float) -> Any:
     """A clip from frame to frame; fades in frames."""
     bpy.context.view_layer.objects.active = effect
-    fps = bpy.context.scene.render.fps / bpy.context.scene.render.fps_base
+    render = bpy.context.scene.render
+    # Seconds of playback: Blender plays frames of the animation more slowly, or faster.
+    fps = render.fps / render.fps_base * render.frame_map_old / render.frame_map_new
     fades = {name: value / fps for name, value in fades.items()}
     assert bpy.ops.hfx.add_clip(start=start, duration=(end - start) / fps, **fades) == {"FINISHED"}
     return [strip for track in effect.animation_data.nla_tracks for strip in track.strips][-1]
