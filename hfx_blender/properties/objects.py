@@ -234,6 +234,17 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     group: _overridable(
         StringProperty, "Group", "Effects of a group share an expandable row of the list"
     )
+    # Equal on all effects of a group; without keyframes, which each effect would need.
+    group_gain: _overridable(
+        FloatProperty,
+        "Group Gain",
+        "Common factor of the intensities of all effects of the group",
+        default=1.0,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        options=set(),
+    )
 
     modality: _overridable(
         EnumProperty,

@@ -168,6 +168,12 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         items=TIME_UNITS,
         default="FRAMES",
     )
+    list_order: EnumProperty(
+        name="Sort By",
+        description="Order of the list of effects",
+        items=(("NAME", "Name", "Name"), ("TIME", "Time", "Start of the first clip")),
+        options=set(),
+    )
     palette: EnumProperty(
         name="Colours", description="Colours of haptic sensations on the avatar", items=PALETTES
     )

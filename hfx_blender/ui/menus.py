@@ -49,6 +49,25 @@ class HFX_MT_add(bpy.types.Menu):
         layout.operator("hfx.paste_effects", icon="PASTEDOWN")
 
 
+class HFX_MT_list(bpy.types.Menu):
+    """Actions for the selected effects of the list"""
+
+    bl_idname = "HFX_MT_list"
+    bl_label = "Effects"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.operator_menu_enum("hfx.move_to_group", "group", icon="GROUP")
+        layout.separator()
+        for name in ("scale_strength", "scale_frequency", "modulate"):
+            layout.operator(f"hfx.{name}")
+        layout.separator()
+        layout.operator("hfx.copy_effects", icon="COPYDOWN")
+        layout.operator("hfx.paste_effects", icon="PASTEDOWN")
+        layout.separator()
+        layout.prop_menu_enum(context.scene.hfx, "list_order", icon="SORTALPHA")
+
+
 class HFX_MT_object(bpy.types.Menu):
     """Actions for the active effect or body"""
 

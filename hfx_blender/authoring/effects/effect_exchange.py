@@ -237,7 +237,7 @@ def sensation_of(
             modality=hfx.modality,
             parameters={c.name: float(getattr(hfx, c.prop)) for c in controls},
             where=_where_recipe(scene, effect, first, fps),
-            intensity=float(hfx.intensity),
+            intensity=float(hfx.intensity) * hfx.group_gain,
             temperature_reference=hfx.temperature_reference,
             clips=tuple(_clip_recipe(effect, strip, first, fps) for _, strip in strips),
         )

@@ -108,6 +108,17 @@ def free_group(scene: bpy.types.Scene, name: str) -> str:
     return free_name
 
 
+def set_group(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], name: str) -> None:
+    """Move effects to a group with the gain of its present effects in the scene; for "" out of any
+    group, with gain 1."""
+    members = (effect for effect in effects_of(scene) if name and group_of(effect) == name)
+    gain = next((member.hfx.group_gain for member in members), 1.0)
+    for effect in objects:
+        # Rain is replaced by its name in an ID property, which names a group of earlier versions.
+        effect.hfx.group = name or (effect.name if effect.get("hfx_rain") else "")
+        effect.hfx.group_gain = gain
+
+
 def move_to_body(objects: Iterable[bpy.types.Object], body: bpy.types.Object) -> int:
     """Assign effects to another body; return the number of changed effects. Areas and paths stay
     valid, as all bodies share the canonical models. Volumes and surfaces are skipped."""

@@ -56,6 +56,11 @@ def is_selected(scene: bpy.types.Scene, effect: bpy.types.Object) -> bool:
     return any(obj.select_get() for obj in objects_showing(scene, effect))
 
 
+def selected_effects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Listed effects that are selected, or emitted by a selected object, sorted by name."""
+    return [effect for effect in listed_effects(scene) if is_selected(scene, effect)]
+
+
 def _instanced(settings: bpy.types.ParticleSettings) -> list[bpy.types.Object]:
     """Objects that a particle system shows as instances; empty for other ways of rendering."""
     if settings.render_type == "OBJECT" and settings.instance_object is not None:

@@ -6,11 +6,18 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
-from ...authoring.effects import global_tools, swarms
+from ...authoring.effects import effects, global_tools, swarms
 from ...blender.scene_info import animation_fps
 from ...errors import InputError
 from .. import framing
-from ..shared import HfxOperator, OnBodyOperator, select_only, target_body
+from ..shared import (
+    EnumItems,
+    HfxOperator,
+    OnBodyOperator,
+    kept_items,
+    select_only,
+    target_body,
+)
 
 SCOPES = (
     ("SELECTED", "Selected", "The selected effects"),
@@ -27,7 +34,7 @@ class _ManyEffects(HfxOperator):
     def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         listed = swarms.listed_effects(context.scene)
         if self.scope == "SELECTED":
-            listed = [effect for effect in listed if swarms.is_selected(context.scene, effect)]
+            listed = swarms.selected_effects(context.scene)
         elif self.scope == "COLLECTION":
             own = set(context.object.users_collection) if context.object else set()
             listed = [effect for effect in listed if own & set(effect.users_collection)]
@@ -92,6 +99,50 @@ class HFX_OT_modulate(_ManyEffects):
             self.chosen(context), self.rate, self.depth, animation_fps(context.scene)
         )
         return f"Effects modulated: {count}"
+
+
+class _SelectedEffects(HfxOperator):
+    leaves_mode = True
+    requires = ((lambda context: swarms.selected_effects(context.scene), "Select effects first"),)
+
+
+class HFX_OT_remove_effects(_SelectedEffects):
+    """Delete the selected effects"""
+
+    bl_label = "Delete Effects"
+
+    def work(self, context: bpy.types.Context) -> str:
+        chosen = swarms.selected_effects(context.scene)
+        for effect in chosen:
+            if effect.library is not None or effects.is_locked(effect):
+                raise InputError(f"'{effect.name}' belongs to a linked file.")
+        bpy.data.batch_remove(chosen)
+        return f"Deleted {len(chosen)} {'effect' if len(chosen) == 1 else 'effects'}"
+
+
+@kept_items
+def _groups() -> EnumItems:
+    listed = swarms.listed_effects(bpy.context.scene)
+    names = sorted({effects.group_of(effect) for effect in listed} - {""})
+    return [
+        ("NEW", "New Group", "A new group; double-click its row in the list to rename it"),
+        *((f"TO {name}", name, "This group") for name in names),
+        ("NONE", "No Group", "Out of any group"),
+    ]
+
+
+class HFX_OT_move_to_group(_SelectedEffects):
+    """Move the selected effects to a group with a common gain, mute and start"""
+
+    bl_label = "Move to Group"
+
+    group: EnumProperty(name="Group", description="Group of the effects", items=_groups)
+
+    def work(self, context: bpy.types.Context) -> None:
+        name = self.group.removeprefix("TO ")
+        if name == self.group:
+            name = effects.free_group(context.scene, "Group") if name == "NEW" else ""
+        effects.set_group(context.scene, swarms.selected_effects(context.scene), name)
 
 
 class HFX_OT_add_rain(OnBodyOperator):

@@ -63,10 +63,7 @@ def _selected(context: bpy.types.Context, title: str) -> effect_file.Sensation:
     """
     from ...authoring.effects import effect_exchange, swarms
 
-    selected = context.selected_objects
-    selection = {obj for obj in selected if obj.hfx.role == "EFFECT"}
-    selection.update(volume for obj in selected for volume in swarms.volumes_of(obj))
-    chosen = sorted(selection, key=lambda obj: obj.name)
+    chosen = swarms.selected_effects(context.scene)
     bodies = [obj.hfx.body for obj in chosen if obj.hfx.body is not None]
     body = bodies[0] if bodies else target_body(context)
     origin = _origin(context, body)

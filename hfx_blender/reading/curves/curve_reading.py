@@ -104,6 +104,7 @@ class CurveEffect:
             levels = self._value("intensity", sampled)
             if self._state.source is not ActivationSource.ALWAYS_ON:
                 levels = self._value("activation", sampled) * levels
+            levels = levels * limited(self._hfx, "group_gain")
         block = EffectBlock(levels, np.stack(parameters, axis=1))
         if self._vertices is not None and world is not None:
             matrices = effect_values.to_metres(world, self._unit_m)

@@ -52,12 +52,12 @@ class Activation:
         return on
 
     def level(self, hfx: bpy.types.PropertyGroup) -> float:
-        """Level 0..1 from evaluated settings: 0 if off, the intensity alone if always on, else
-        activation times intensity, both clamped; NaN stays NaN."""
+        """Level 0..1 from evaluated settings: 0 if off, intensity times gain of the group if always
+        on, else activation times both, all clamped; NaN stays NaN."""
         if self.source is ActivationSource.OFF:
             return 0.0
         on = 1.0 if self.source is ActivationSource.ALWAYS_ON else limited(hfx, "activation")
-        return on * limited(hfx, "intensity")
+        return on * limited(hfx, "intensity") * limited(hfx, "group_gain")
 
 
 SILENCED = Activation(ActivationSource.OFF)

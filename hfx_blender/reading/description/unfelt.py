@@ -240,8 +240,8 @@ def asleep(
 
 def why_dormant(effect: bpy.types.Object, state: Activation, frames: F64) -> str | None:
     """Predicate why an effect cannot be felt at animation ``frames`` (n,), for use after the name;
-    None otherwise. Checked in order: muted, not solo, clips off, off at all frames, intensity
-    0."""
+    None otherwise. Checked in order: muted, not solo, clips off, off at all frames, intensity 0,
+    gain of the group 0."""
     if state is SILENCED:
         return MUTED if effect.hfx.is_muted else NOT_SOLO
     if state.source is ActivationSource.OFF:
@@ -254,7 +254,7 @@ def why_dormant(effect: bpy.types.Object, state: Activation, frames: F64) -> str
         return OFF
     if is_never_strong(effect, "intensity", frames):
         return "has intensity 0"
-    return None
+    return "is in a group of gain 0" if is_never_strong(effect, "group_gain", frames) else None
 
 
 def why_powerless(effect: bpy.types.Object, frames: F64) -> str | None:

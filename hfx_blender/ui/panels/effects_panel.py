@@ -85,7 +85,16 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
             manager = context.window_manager
             rows = min(max(sum(map(list_rows.is_shown, manager.hfx_rows)), _LEAST_ROWS), _MOST_ROWS)
             lists = ("HFX_UL_effects", "", manager, "hfx_rows", manager, "hfx_row")
-            layout.template_list(*lists, rows=rows, maxrows=rows)
+            row = layout.row()
+            row.template_list(*lists, rows=rows, maxrows=rows)
+            column = row.column(align=True)
+            column.menu("HFX_MT_add", text="", icon="ADD")
+            column.operator("hfx.remove_effects", text="", icon="REMOVE")
+            column.menu("HFX_MT_list", text="", icon="DOWNARROW_HLT")
+            if list_rows.active_group():
+                row = layout.row(align=True)
+                row.prop(manager, "hfx_group_gain", text="Gain", slider=True)
+                row.prop(manager, "hfx_group_start", text="Start")
         if effects.effects_without_body(context.scene):
             draw_moving(context, layout, "GONE")
         elif context.window_manager.hfx_preview and listed:
@@ -98,20 +107,10 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         row = layout.row()
         row.scale_y = 1.3
         draw_first_step(context, row)
-        row = layout.row(align=True)
-        row.menu("HFX_MT_add", text="Add", icon="ADD")
-        if listed:
-            if has_body:
-                draw_paint_menu(row, "Paint")
-            row.operator("hfx.copy_effects", text="", icon="COPYDOWN")
-            row.operator("hfx.paste_effects", text="", icon="PASTEDOWN")
-            row = layout.row(align=True)
-            for name, label in (
-                ("hfx.scale_strength", "Gain"),
-                ("hfx.scale_frequency", "Frequency"),
-                ("hfx.modulate", "Modulation"),
-            ):
-                row.operator(name, text=label)
+        if not listed:
+            layout.menu("HFX_MT_add", text="Add", icon="ADD")
+        elif has_body:
+            draw_paint_menu(layout, "Paint")
 
 
 class HFX_PT_clips(HfxPanel, bpy.types.Panel):
@@ -127,12 +126,10 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         row = layout.row(align=True)
         draw_clip_buttons(row)
         effect = active_effect(context)
-        strips, group = clips.strips_of(effect), effects.group_of(effect)
+        strips = clips.strips_of(effect)
         if strips:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
         layout.row().prop(context.scene.hfx, "time_unit", expand=True)
-        if strips and len(list_rows.active_group()) > 1:
-            layout.prop(context.window_manager, "hfx_group_start", text=f"All of {group} Starts")
         # A check of the scene rebuilds the rows after this drawing: their number may differ here.
         for (_, strip), times in zip(strips, context.window_manager.hfx_clips, strict=False):
             box = layout.box()

@@ -10,6 +10,7 @@ clips have changed.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 
 import bpy
 from bpy.props import (
@@ -27,7 +28,13 @@ from ...blender.scene_info import frame_at, frames_per_shown_unit, shown_time
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...operators.effects.clip_operators import TIMES, label_of
-from ...operators.shared import active_effect, select_only, to_object_mode
+from ...operators.shared import (
+    HfxOperator,
+    active_effect,
+    is_in_view_layer,
+    select_only,
+    to_object_mode,
+)
 from ...playback.preview.preview import preview
 from ..sidebar import filtered
 
@@ -39,18 +46,30 @@ def rows_of(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """Rows of the list as (effect, group): a group's row has an empty effect, and precedes its
     effects.
 
-    A group of a single effect has no row of its own.
+    A group of a single effect has no row of its own, unless its gain differs from 1.
     """
     grouped: dict[tuple[str, str], list[str]] = {}
-    for effect in swarms.listed_effects(scene):
+    gains: dict[str, float] = {}
+    for effect in _in_order(scene):
         group = effects.group_of(effect)
+        gains[group] = effect.hfx.group_gain
         grouped.setdefault((group, "" if group else effect.name), []).append(effect.name)
     named_rows: list[tuple[str, str]] = []
     for (group, _), names in grouped.items():
-        is_alone = len(names) == 1
+        is_alone = len(names) == 1 and (not group or gains[group] == 1.0)
         named_rows += [] if is_alone else [("", group)]
         named_rows += [(name, "" if is_alone else group) for name in names]
     return named_rows
+
+
+def _in_order(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Listed effects by name, or by the start of the first clip; without clips first."""
+
+    def first_start(effect: bpy.types.Object) -> float:
+        return min((strip.frame_start for _, strip in clips.strips_of(effect)), default=-inf)
+
+    listed = swarms.listed_effects(scene)
+    return sorted(listed, key=first_start) if scene.hfx.list_order == "TIME" else listed
 
 
 def refresh() -> None:
@@ -109,11 +128,57 @@ def _set_open(row: HfxEffectRow, value: bool) -> None:
     (_open.add if value else _open.discard)(row.group)
 
 
+def _is_selected(row: HfxEffectRow) -> bool:
+    row_effects = _effects_of_row(row)
+    scene = bpy.context.scene
+    return bool(row_effects) and all(swarms.is_selected(scene, effect) for effect in row_effects)
+
+
+def _set_selected(row: HfxEffectRow, value: bool) -> None:
+    context = bpy.context
+    for obj in _objects_of(row):
+        if is_in_view_layer(context, obj):
+            obj.select_set(value)
+            if value and (context.object is None or not context.object.select_get()):
+                context.view_layer.objects.active = obj
+    push_undo_soon()
+
+
+def _objects_of(row: HfxEffectRow) -> list[bpy.types.Object]:
+    """Objects that show the effects of a row."""
+    scene = bpy.context.scene
+    shown = (swarms.objects_showing(scene, effect) for effect in _effects_of_row(row))
+    return [obj for objects in shown for obj in objects]
+
+
+def _rename_group(row: HfxEffectRow, name: str) -> None:
+    members = _effects_of_row(row)
+    if members and name and name != row.group:
+        free_name = effects.free_group(bpy.context.scene, name)
+        _open.update({free_name} if row.is_open else ())
+        for member in members:
+            member.hfx.group = free_name
+        preview.schedule_check()
+        push_undo_soon()
+
+
 class HfxEffectRow(bpy.types.PropertyGroup):
     """Row of the list: an effect, or a group of effects."""
 
     effect: StringProperty(name="Effect", description="The effect's name; empty: a group")
     group: StringProperty(name="Group", description="Group of the effect")
+    title: StringProperty(
+        name="Group",
+        description="Name of the group. Double-click to rename it",
+        get=lambda row: row.group,
+        set=_rename_group,
+    )
+    is_selected: BoolProperty(
+        name="Select",
+        description="Selected. Drag over several dots to select or deselect several effects",
+        get=_is_selected,
+        set=_set_selected,
+    )
     is_open: BoolProperty(
         name="Open",
         description="Show the effects of the group",
@@ -158,15 +223,23 @@ class HFX_UL_effects(bpy.types.UIList):
             effects.needs_body(context.scene, effect) for effect in row_effects
         ) or any(clips.outside_scene(context.scene, strip) is not None for _, strip in strips)
         if row.effect:
+            effect, hfx = row_effects[0], row_effects[0].hfx
             if row.group:
                 title.label(text="", icon="BLANK1")
-            icon = "ERROR" if title.alert else MODALITIES[row_effects[0].hfx.modality].icon
-            title.prop(row_effects[0], "name", text="", icon=icon, emboss=False)
+            icon = "ERROR" if title.alert else MODALITIES[hfx.modality].icon
+            title.prop(effect, "name", text="", icon=icon, emboss=False)
+            if hfx.kind in effects.ON_A_BODY and len(effects.bodies_of(context.scene)) > 1:
+                body = effects.body_in(context.scene, effect)
+                line.label(text="" if body is None else body.name)
+            if effects.is_locked(effect):
+                line.label(text="", icon="LINKED")
         else:
             icon = "DOWNARROW_HLT" if row.is_open else "RIGHTARROW"
             title.prop(row, "is_open", text="", icon=icon, emboss=False)
-            title.label(text=f"{row.group} ({len(row_effects)})")
+            title.prop(row, "title", text="", emboss=False)
+            line.label(text=f"{len(row_effects)}")
         for name, on, off in (
+            ("is_selected", "LAYER_ACTIVE", "LAYER_USED"),
             ("is_solo", "SOLO_ON", "SOLO_OFF"),
             ("is_muted", "MUTE_IPO_ON", "MUTE_IPO_OFF"),
         ):
@@ -195,20 +268,40 @@ def _active_row(manager: bpy.types.WindowManager) -> int:
     return -1
 
 
-def _select_row(manager: bpy.types.WindowManager, index: int) -> None:
-    """Select the objects that show a row's effects; no effect during painting."""
-    context = bpy.context
-    try:
-        to_object_mode(context)
-    except InputError:
-        return  # painting goes on
-    if 0 <= index < len(manager.hfx_rows):
-        row_effects = _effects_of_row(manager.hfx_rows[index])
-        shown = [
-            obj for effect in row_effects for obj in swarms.objects_showing(context.scene, effect)
-        ]
-        select_only(context, *shown)
-        push_undo_soon()
+def _select_row(_manager: bpy.types.WindowManager, index: int) -> None:
+    # Blender hands no modifier keys to properties, but to operators.
+    bpy.ops.hfx.select_effects("INVOKE_DEFAULT", row=index)
+
+
+class HFX_OT_select_effects(HfxOperator):
+    """Select the effects of a row of the list"""
+
+    bl_label = "Select Effects"
+    bl_options = {"INTERNAL"}
+
+    row: IntProperty(name="Row", description="Number of the row, from 0")
+    extend: BoolProperty(
+        name="Extend", description="Select all rows from the active row on, as with Shift"
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        self.extend = event.shift
+        return self.execute(context)
+
+    def work(self, context: bpy.types.Context) -> None:
+        manager = context.window_manager
+        try:
+            to_object_mode(context)
+        except InputError:
+            return  # painting goes on
+        if 0 <= self.row < len(manager.hfx_rows):
+            first = _active_row(manager) if self.extend else self.row
+            first = self.row if first < 0 else first
+            between = range(min(first, self.row), max(first, self.row) + 1)
+            rows = [self.row, *(index for index in between if index != self.row)]
+            shown = [obj for index in rows for obj in _objects_of(manager.hfx_rows[index])]
+            select_only(context, *shown)
+            push_undo_soon()
 
 
 def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
@@ -259,6 +352,18 @@ def _start(_manager: object) -> float:
     return shown_time(bpy.context.scene, min(starts)) if starts else 0.0
 
 
+def _gain(_manager: object) -> float:
+    members = active_group()
+    return float(members[0].hfx.group_gain) if members else 1.0
+
+
+def _set_gain(_manager: object, value: float) -> None:
+    for member in active_group():
+        member.hfx.group_gain = value
+    preview.schedule_check()
+    push_undo_soon()
+
+
 def _set_start(manager: object, value: float) -> None:
     frames = (value - _start(manager)) * frames_per_shown_unit(bpy.context.scene)
     clips.shift_times(active_group(), frames)
@@ -287,11 +392,21 @@ def register() -> None:
         get=_start,
         set=_set_start,
     )
+    bpy.types.WindowManager.hfx_group_gain = FloatProperty(
+        name="Gain of the Group",
+        description="Common factor of the intensities of all effects of the group",
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        get=_gain,
+        set=_set_gain,
+    )
     preview.on_scene_checked.append(refresh)
 
 
 def unregister() -> None:
     preview.on_scene_checked.remove(refresh)
+    del bpy.types.WindowManager.hfx_group_gain
     del bpy.types.WindowManager.hfx_group_start
     del bpy.types.WindowManager.hfx_clips
     del bpy.types.WindowManager.hfx_row

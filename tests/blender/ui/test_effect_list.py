@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+import pytest
 
 from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects, response_recipes, swarms
@@ -84,3 +85,32 @@ def test_a_swarm_is_one_row_that_selects_its_emitter(scene: Any) -> None:
     assert bee.hfx.is_muted
     bpy.ops.hfx.add_clip()
     assert [strip.name for _, strip in clips.strips_of(bee)] == ["Clip"]
+
+
+def test_several_rows_are_selected_and_deleted(scene: Any) -> None:
+    for name in "ABCD":
+        volume(name)
+    rows()
+    manager = bpy.context.window_manager
+    manager.hfx_row = 1
+    bpy.ops.hfx.select_effects(row=3, extend=True)  # as a click with Shift
+    assert sorted(obj.name for obj in bpy.context.selected_objects) == ["B", "C", "D"]
+    assert bpy.context.object.name == "D"
+    manager.hfx_rows[2].is_selected = False
+    manager.hfx_rows[0].is_selected = True
+    assert [row.is_selected for row in manager.hfx_rows] == [True, True, False, True]
+    assert bpy.context.object.name == "D", "the active effect stays"
+    bpy.ops.hfx.remove_effects()
+    assert rows() == [("C", "")]
+    with pytest.raises(RuntimeError, match="Select effects first"):
+        bpy.ops.hfx.remove_effects()
+
+
+def test_rows_are_sorted_by_name_or_by_time(scene: Any) -> None:
+    for name, frame in (("A", 30.0), ("B", 10.0), ("C", None)):
+        created = volume(name)
+        if frame is not None:
+            clips.add_clip(created, frame, frame + 5.0)
+    assert [effect for effect, _ in rows()] == ["A", "B", "C"]
+    scene.hfx.list_order = "TIME"
+    assert [effect for effect, _ in rows()] == ["C", "B", "A"]
