@@ -35,6 +35,47 @@ def test_each_file_that_is_named_exists(name: str) -> None:
     assert missing_names(text) == []
 
 
+PAGES = [
+    *sorted(ROOT.glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
+    *(
+        path
+        for path in sorted((ROOT / "players").rglob("*.md"))
+        if not {"node_modules", "target"} & set(path.parts)
+    ),
+]
+
+
+def broken_links(page: Path) -> list[str]:
+    """Relative links of a page without a file, or without the heading that the link names."""
+    broken = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        path, _, anchor = link.partition("#")
+        if "://" in link:
+            continue
+        target = page.parent / path if path else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            broken.append(link)
+    return broken
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of a page's headings, as GitHub and mkdocs make them."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", text.lower()).strip().replace(" ", "-") for text in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_each_link_leads_somewhere(page: Path) -> None:
+    assert broken_links(page) == []
+
+
+def test_a_link_without_a_target_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# One Two\n[a](#one-two) [b](#one) [c](page.md#one-two) [d](other.md)")
+    assert broken_links(page) == ["#one", "other.md"]
+
+
 def test_python_files_that_the_compiled_part_names_exist() -> None:
     paths = [f"/{path.relative_to(ROOT).as_posix()}" for path in PACKAGE.rglob("*.py")]
     paths += [f"/release/{path.name}" for path in (ROOT / "release").glob("*.py")]
