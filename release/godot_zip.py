@@ -21,7 +21,10 @@ from release.archives import write_zip
 ROOT = Path(__file__).resolve().parents[1]
 ADDON = ROOT / "players" / "godot" / "addons" / "hfx"
 PLATFORMS = ("linux.x86_64", "linux.arm64", "windows.x86_64", "macos", "android.arm64")
-_SUFFIXES = {".gd", ".uid", ".svg", ".cfg", ".md", ".gdextension", ".so", ".dll", ".dylib"}
+_SUFFIXES = {
+    *(".gd", ".uid", ".svg", ".cfg", ".md", ".tscn", ".hfxclip"),
+    *(".gdextension", ".so", ".dll", ".dylib"),
+}
 
 
 def files(addon: Path = ADDON) -> dict[str, Path]:
@@ -42,7 +45,7 @@ def missing(addon: Path = ADDON) -> list[str]:
         for name in PLATFORMS
         if name not in libraries or not (addon / "bin" / libraries[name]).is_file()
     ]
-    scripts = sorted(addon.glob("*.gd"))
+    scripts = sorted(addon.rglob("*.gd"))
     return absent + [f"{path.name}.uid" for path in scripts if not Path(f"{path}.uid").is_file()]
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 MODULES = ("core", "clip", "player", "bones", "body", "surface", "outputs", "loop")  # as imported
-PAGES = ("garage", "board")
+SAMPLES = {"garage": "addons/hfx/samples/garage.hfxclip", "board": "board/board.hfxclip"}
 EXPORTS = """
 export {
   GamepadHaptics, HapticBody, HapticClip, HapticError, HapticLoop, HapticPlayer, HapticSurface,
@@ -35,10 +35,10 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     script = package()
     (folder / "hfx.js").write_text(script + EXPORTS, encoding="utf-8", newline="\n")
-    for name in PAGES:
+    for name in SAMPLES:
         text = page(name, script)
         (folder / f"{name}.html").write_text(text, encoding="utf-8", newline="\n")
-    sys.stdout.write(f"{folder}: hfx.js, {', '.join(f'{name}.html' for name in PAGES)}\n")
+    sys.stdout.write(f"{folder}: hfx.js, {', '.join(f'{name}.html' for name in SAMPLES)}\n")
 
 
 def package() -> str:
@@ -64,7 +64,7 @@ def compiled() -> bytes:
 
 def page(name: str, script: str) -> str:
     """Text of a page, with the package and a clip of the Godot samples in it."""
-    clip = (HERE.parent / "godot" / name / f"{name}.hfxclip").read_bytes()
+    clip = (HERE.parent / "godot" / SAMPLES[name]).read_bytes()
     text = (HERE / f"{name}.html").read_text(encoding="utf-8")
     text = text.replace("/* package */", script)
     return text.replace("CLIP_IN_BASE64", base64.b64encode(clip).decode())

@@ -26,7 +26,8 @@ def test_the_unity_package_plays_the_conformance_clips(tmp_path: Path) -> None:
     program = tmp_path / "conformance.exe"
     folders = ("Runtime", "Editor", "Samples~/Garage", "Samples~/Board", "Tests~")
     sources = [path for folder in folders for path in (PLAYERS / "unity" / folder).glob("*.cs")]
-    subprocess.run(["mcs", f"-out:{program}", *sources], check=True)
+    defined = "-d:HFX_INPUT_SYSTEM;UNITY_ANDROID"
+    subprocess.run(["mcs", defined, f"-out:{program}", *sources], check=True)
     core = '#include "../native/live_body.c"\n#include "../native/live_player.c"\n'
     compiled(core, tmp_path / "libhfx_haptics.so", "-std=c99", "-shared", "-fPIC")
     folders = [PLAYERS / "conformance", PLAYERS / "conformance" / "spatial"]
@@ -47,9 +48,10 @@ def test_the_godot_addon_plays_the_conformance_clips(tmp_path: Path) -> None:
     scripts = (
         *(("conformance", "."), ("behaviour", "behaviour"), ("body", "spatial")),
         *(("avatar", "spatial"), ("bones", "."), ("surfaces", "surfaces")),
+        ("outputs", "demo_garage.hfxclip"),
     )
-    for script, folder in scripts:
-        expected = ["--script", f"tests/{script}.gd", "--", PLAYERS / "conformance" / folder]
+    for script, path in scripts:
+        expected = ["--script", f"tests/{script}.gd", "--", PLAYERS / "conformance" / path]
         subprocess.run([*start, *expected], check=True)
 
 
@@ -102,9 +104,10 @@ def test_every_file_of_the_unity_package_has_an_identity_of_its_own(tmp_path: Pa
     assert all(guids) and len({guid[1] for guid in guids if guid}) == len(guids)
 
     facts = json.loads(files["package.json"])
-    for sample, name in zip(facts["samples"], ("garage", "board"), strict=True):
-        clips = [PLAYERS / "godot" / name, package / sample["path"]]
-        assert len({(folder / f"{name}.hfxclip").read_bytes() for folder in clips}) == 1
+    in_godot = ("addons/hfx/samples/garage.hfxclip", "board/board.hfxclip")
+    for sample, clip in zip(facts["samples"], in_godot, strict=True):
+        clips = [PLAYERS / "godot" / clip, package / sample["path"] / Path(clip).name]
+        assert len({path.read_bytes() for path in clips}) == 1
     assert f"## {facts['version']}" in files["CHANGELOG.md"]
 
 

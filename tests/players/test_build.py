@@ -113,13 +113,16 @@ def test_the_zip_for_godot_is_complete_or_names_what_is_missing(
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
     assert {Path(name).parts[:2] for name in names} == {("addons", "hfx")}
-    wanted = ("LICENSE", "README.md", "icon.svg", "plugin.cfg", "bin/macos/libhfx_haptics.dylib")
-    assert {f"addons/hfx/{name}" for name in wanted} <= set(names)
+    contents = (
+        *("LICENSE", "README.md", "icon.svg", "plugin.cfg", "bin/macos/libhfx_haptics.dylib"),
+        *("samples/garage.tscn", "samples/garage.gd", "samples/garage.hfxclip"),
+    )
+    assert {f"addons/hfx/{name}" for name in contents} <= set(names)
     assert not [name for name in names if name.endswith(".tmp")]
 
 
 def test_each_script_of_the_add_on_has_a_uid() -> None:
-    scripts = sorted(godot_zip.ADDON.glob("*.gd"))
+    scripts = sorted(godot_zip.ADDON.rglob("*.gd"))
     uids = [Path(f"{path}.uid").read_text() for path in scripts]
     assert len(scripts) > 10 and len(set(uids)) == len(uids)
     assert all(uid.startswith("uid://") for uid in uids)

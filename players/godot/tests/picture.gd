@@ -6,7 +6,7 @@ extends SceneTree
 
 func _initialize() -> void:
 	var wanted := OS.get_cmdline_user_args()
-	var garage: Node = load("res://garage/garage.tscn").instantiate()
+	var garage: Node = load("res://addons/hfx/samples/garage.tscn").instantiate()
 	root.add_child(garage)
 	await process_frame
 	var player: HapticPlayer = garage.get_node("Player")

@@ -5,10 +5,11 @@ using UnityEngine.XR;
 namespace Hfx.Haptics
 {
     /// <summary>
-    /// Plays the vibrations of haptic players and bodies on the two controllers of a headset. An avatar that feels
-    /// several clips has a haptic body for each.
-    /// Actuators worn on the left go to the left controller, those on the right to the right one; of several the
-    /// strongest counts.
+    /// Plays the vibrations of haptic players and bodies on the two controllers of a headset, on a gamepad and on a
+    /// phone. An avatar that feels several clips has a haptic body for each.
+    /// Actuators worn on the left play on the left controller, those on the right on the right one. On a gamepad the
+    /// left plays on the low-frequency motor, the right on the high-frequency motor, all others on both. Of several
+    /// actuators the strongest counts.
     /// </summary>
     [AddComponentMenu("Haptics/Controller Haptics")]
     public sealed class ControllerHaptics : MonoBehaviour
@@ -19,15 +20,28 @@ namespace Hfx.Haptics
         [SerializeField] HapticBody[] furtherBodies = new HapticBody[0];
         /// <summary>Id of a device in the clip (say oculus_touch, with or without its side); empty: all devices.</summary>
         [SerializeField] string device = "";
+        /// <summary>The current gamepad plays while no controller of a headset is there; needs the Input System package.</summary>
+        [SerializeField] bool vibratesGamepad = true;
+        /// <summary>The Android phone that runs the game plays; needs its permission VIBRATE.</summary>
+        [SerializeField] bool vibratesPhone;
+
+        const float PhoneSeconds = 0.05f;
 
         struct Pulse
         {
             public float Share, Seconds;
         }
 
+        Pulse left, right, elsewhere;
+        float phoneTime;
         bool isLeftOn, isRightOn, isListening;
+#if HFX_INPUT_SYSTEM
+        bool isGamepadOn;
+#endif
 
         public string Device { get { return device; } set { device = value ?? ""; } }
+        public bool VibratesGamepad { get { return vibratesGamepad; } set { vibratesGamepad = value; } }
+        public bool VibratesPhone { get { return vibratesPhone; } set { vibratesPhone = value; } }
 
         public HapticPlayer Player
         {
@@ -77,6 +91,13 @@ namespace Hfx.Haptics
             }
         }
 
+        /// <summary>The editor has added the component: chooses the player and the body of the same object.</summary>
+        void Reset()
+        {
+            player = GetComponent<HapticPlayer>();
+            body = GetComponent<HapticBody>();
+        }
+
         void OnEnable() { Listen(true); }
 
         void Listen(bool listen)
@@ -106,8 +127,8 @@ namespace Hfx.Haptics
         void OnDisable()
         {
             Listen(false);
-            Send(XRNode.LeftHand, new Pulse(), ref isLeftOn);
-            Send(XRNode.RightHand, new Pulse(), ref isRightOn);
+            left = right = elsewhere = new Pulse();
+            Send();
         }
 
         void OfPlayer(HapticPlayer source) { Play(); }
@@ -116,53 +137,76 @@ namespace Hfx.Haptics
 
         void Play()
         {
-            Pulse left = new Pulse(), right = new Pulse();
-            Add(player, ref left, ref right);
-            Add(body, ref left, ref right);
-            foreach (HapticPlayer each in furtherPlayers) Add(each, ref left, ref right);
-            foreach (HapticBody each in furtherBodies) Add(each, ref left, ref right);
-            Send(XRNode.LeftHand, left, ref isLeftOn);
-            Send(XRNode.RightHand, right, ref isRightOn);
+            left = right = elsewhere = new Pulse();
+            Add(player);
+            Add(body);
+            foreach (HapticPlayer source in furtherPlayers) Add(source);
+            foreach (HapticBody source in furtherBodies) Add(source);
+            Send();
         }
 
-        void Add(HapticPlayer of, ref Pulse left, ref Pulse right)
+        void Add(HapticPlayer source)
         {
-            if (of != null && of.Values != null) Add(of.Clip, of.Values, ref left, ref right);
+            if (source != null && source.Values != null) Add(source.Clip, source.Values);
         }
 
-        void Add(HapticBody of, ref Pulse left, ref Pulse right)
+        void Add(HapticBody source)
         {
-            if (of != null && of.Values != null) Add(of.Clip, of.Values, ref left, ref right);
+            if (source != null && source.Values != null) Add(source.Clip, source.Values);
         }
 
-        void Add(HapticClip clip, float[] values, ref Pulse left, ref Pulse right)
+        void Add(HapticClip clip, float[] values)
         {
-            foreach (Device each in clip.Devices)
+            foreach (Device worn in clip.Devices)
             {
-                if (!each.IsNamed(device)) continue;
-                for (int k = each.FirstActuator; k < each.FirstActuator + each.Actuators; k++)
+                if (!worn.IsNamed(device)) continue;
+                for (int k = worn.FirstActuator; k < worn.FirstActuator + worn.Actuators; k++)
                 {
                     Actuator actuator = clip.Actuators[k];
                     if (actuator.Modality != Modality.Vibration) continue;
-                    Pulse pulse = new Pulse
-                    {
-                        Share = (float)(values[actuator.FirstColumn] / clip.Columns[actuator.FirstColumn].Highest),
-                        Seconds = (float)each.DeadManSeconds,
-                    };
-                    if (actuator.Side == Side.Left && pulse.Share > left.Share) left = pulse;
-                    if (actuator.Side == Side.Right && pulse.Share > right.Share) right = pulse;
+                    float share = (float)(values[actuator.FirstColumn] / clip.Columns[actuator.FirstColumn].Highest);
+                    Pulse pulse = new Pulse { Share = share, Seconds = (float)worn.DeadManSeconds };
+                    if (actuator.Side == Side.Left) left = Stronger(left, pulse);
+                    else if (actuator.Side == Side.Right) right = Stronger(right, pulse);
+                    else elsewhere = Stronger(elsewhere, pulse);
                 }
             }
         }
 
-        static void Send(XRNode node, Pulse pulse, ref bool isOn)
+        static Pulse Stronger(Pulse first, Pulse second) { return second.Share > first.Share ? second : first; }
+
+        void Send()
         {
-            if (pulse.Share <= 0.0f && !isOn) return;
+            bool hasControllers = Send(XRNode.LeftHand, left, ref isLeftOn);
+            hasControllers = Send(XRNode.RightHand, right, ref isRightOn) || hasControllers;
+#if HFX_INPUT_SYSTEM
+            UnityEngine.InputSystem.Gamepad gamepad = UnityEngine.InputSystem.Gamepad.current;
+            float low = 0.0f, high = 0.0f;
+            if (vibratesGamepad && !hasControllers)
+            {
+                low = Stronger(left, elsewhere).Share;
+                high = Stronger(right, elsewhere).Share;
+            }
+            bool isOn = low > 0.0f || high > 0.0f;
+            if (gamepad != null && (isOn || isGamepadOn)) gamepad.SetMotorSpeeds(low, high);
+            isGamepadOn = isOn;
+#endif
+            Pulse phone = Stronger(Stronger(left, right), elsewhere);
+            if (!vibratesPhone || phone.Share <= 0.0f || Time.unscaledTime - phoneTime < PhoneSeconds) return;
+            phoneTime = Time.unscaledTime;
+            PhoneVibration.Play(phone.Share);
+        }
+
+        /// <summary>Whether there is a controller.</summary>
+        static bool Send(XRNode node, Pulse pulse, ref bool isOn)
+        {
             InputDevice controller = InputDevices.GetDeviceAtXRNode(node);
+            bool wasOn = isOn;
             isOn = pulse.Share > 0.0f;
-            if (!controller.isValid) return;
+            if (!controller.isValid) return false;
             if (isOn) controller.SendHapticImpulse(0, pulse.Share, pulse.Seconds);
-            else controller.StopHaptics();
+            else if (wasOn) controller.StopHaptics();
+            return true;
         }
     }
 }

@@ -51,11 +51,60 @@ static class Components
         player.Play();
         bool keeps = player.Loop && player.Speed == 2.0f && player.Gain == 4.0f && !IsSilent(player, frame);
         player.Asset = null;
+        bool hasOutputs = HasOutputs(asset);
         bool isEmpty = player.Clip == null && !player.IsPlaying && InputDevice.amplitude == 0.0f;
-        bool[] held = { grown < 1000, plays, isPaused, staysPaused, goesOn, isAway, standsStill, isTwiceAsFast, isSilent, keeps, isEmpty };
+        bool[] held = { grown < 1000, plays, isPaused, staysPaused, goesOn, isAway, standsStill, isTwiceAsFast, isSilent, keeps, hasOutputs, isEmpty };
         int fault = Array.IndexOf(held, false);
         if (fault >= 0) Console.WriteLine("the sample's demand " + fault + " is not held (" + grown + " bytes of garbage)");
         return fault < 0;
+    }
+
+    /// <summary>
+    /// Without a headset the gamepad plays the strongest actuator of each side, and of no side on both motors; the
+    /// phone plays, too. The component chooses the player of its object.
+    /// </summary>
+    static bool HasOutputs(HapticClipAsset asset)
+    {
+        GameObject game = new GameObject();
+        HapticPlayer player = game.AddComponent<HapticPlayer>();
+        player.Asset = asset;
+        ControllerHaptics controllers = game.AddComponent<ControllerHaptics>();
+        GameObject.Call(controllers, "Reset");
+        controllers.VibratesPhone = true;
+        GameObject.Call(controllers, "OnDisable");
+        GameObject.Call(controllers, "OnEnable");
+        InputDevice.isConnected = false;
+        Action frame = (Action)Delegate.CreateDelegate(typeof(Action), player, "Update");
+        bool isRight = controllers.Player == player;
+        int different = 0;
+        for (player.Play(); player.IsPlaying; Time.unscaledTime += Time.deltaTime)
+        {
+            frame();
+            float low = Strongest(player, Side.Right), high = Strongest(player, Side.Left);
+#if HFX_INPUT_SYSTEM
+            var gamepad = UnityEngine.InputSystem.Gamepad.current;
+            isRight &= player.IsPlaying ? gamepad.low == low && gamepad.high == high : gamepad.low == 0.0f;
+#endif
+            if (low != high) different++;
+        }
+#if UNITY_ANDROID
+        isRight &= AndroidJNI.pulses > 20;
+        AndroidJNI.pulses = 0;
+        AndroidJNI.strongest = 0;
+#endif
+        GameObject.Call(controllers, "OnDisable");
+        InputDevice.isConnected = true;
+        return isRight && different > 20;
+    }
+
+    /// <summary>Share of the strongest vibration on any side but one.</summary>
+    static float Strongest(HapticPlayer player, Side but)
+    {
+        float strongest = 0.0f;
+        foreach (Actuator actuator in player.Clip.Actuators)
+            if (actuator.Modality == Modality.Vibration && actuator.Side != but)
+                strongest = Math.Max(strongest, (float)(player.Values[actuator.FirstColumn] / player.Clip.Columns[actuator.FirstColumn].Highest));
+        return strongest;
     }
 
     static long Grown(Action frame)

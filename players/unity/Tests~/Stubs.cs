@@ -58,6 +58,7 @@ namespace UnityEngine
         public GameObject gameObject;
         public T[] GetComponentsInChildren<T>(bool includeInactive = false) { return (T[])(object)transform.all.ToArray(); }
         public T GetComponentInChildren<T>() where T : class { return null; }
+        public T GetComponent<T>() where T : Component { return (T)gameObject.components.Find(part => part is T); }
     }
     public class Behaviour : Component { }
     public class MonoBehaviour : Behaviour { }
@@ -203,7 +204,7 @@ namespace UnityEngine
         public static void DrawWireSphere(Vector3 centre, float radius) { }
         public static void DrawWireCube(Vector3 centre, Vector3 size) { }
     }
-    public static class Time { public static float deltaTime = 1.0f / 60.0f, timeScale = 1.0f; }
+    public static class Time { public static float deltaTime = 1.0f / 60.0f, timeScale = 1.0f, unscaledTime; }
     public static class Application { public static bool isFocused = true; }
     public static class Debug
     {
@@ -243,7 +244,8 @@ namespace UnityEngine.XR
     public enum XRNode { LeftHand = 4, RightHand = 5 }
     public struct InputDevice
     {
-        public bool isValid { get { return true; } }
+        public static bool isConnected = true;
+        public bool isValid { get { return isConnected; } }
         public static float amplitude, strongest;
         public bool SendHapticImpulse(uint channel, float amplitude, float duration = 1.0f)
         {

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 extends Node3D
-## The garage of HFX's demo: plays its clip on the controllers and shows each actuator as a bar.
-## Space, or the trigger of a controller, begins again.
+## Garage of HFX's demo: plays its clip on the controllers of a headset or on a gamepad, and shows each
+## actuator as a bar. Space, A of the gamepad, or the trigger of a controller begins again.
 
 const COLOURS := {
 	"vibration": Color(0.85, 0.2, 0.2),
@@ -19,7 +19,7 @@ func _ready() -> void:
 	var runtime := XRServer.find_interface("OpenXR")
 	get_viewport().use_xr = runtime != null and runtime.is_initialized()
 	$Player.values_changed.connect(_show)
-	$Player.finished.connect(func(): $Label.text = "Space or trigger: again")
+	$Player.finished.connect(func(): $Label.text = "Space, A or trigger: again")
 	for controller in [$Origin/Left, $Origin/Right]:
 		controller.button_pressed.connect(_again)
 	_build_bars()
