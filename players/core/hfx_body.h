@@ -39,25 +39,59 @@ static inline uint32_t hfx_first_chunk(const hfx_clip *clip, uint32_t body, uint
   return sum;
 }
 
-/* Number of weights that impacts of an effect hold; 0 without a filter for impacts. */
+/* Number of chunks whose weights impacts of an effect hold; 0 without a filter for impacts. */
 static inline uint32_t hfx_held_of(const hfx_clip *clip, uint32_t model,
                                    const unsigned char *effect) {
   uint32_t i;
   for (i = 0; i < hfx_u32(effect + 64); i++)
     if (hfx_u32(hfx_record(clip, HFX_FLTR, hfx_u32(effect + 60) + i)) == HFX_IMPACT)
-      return HFX_IMPACTS * HFX_CHUNK * hfx_chunks_of(clip, model);
+      return HFX_IMPACTS * hfx_chunks_of(clip, model);
   return 0;
 }
 
-/* Parts of a body's memory, in bytes; their sum. */
-static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_t parts[9]) {
+/* Number of reaches of an actuator's reaction, one a chunk; they are written to `found` unless it is
+ * NULL. */
+static inline uint32_t hfx_find_reaches(const hfx_clip *clip, const unsigned char *reaction,
+                                        hfx_reach *found) {
+  const unsigned char *at = hfx_record(clip, HFX_RCHV, hfx_u32(reaction + 24));
+  const unsigned char *end = at + 8 * (size_t)hfx_u32(reaction + 28);
+  uint32_t count = 0, last = HFX_NONE;
+  for (; at < end; at += 8) {
+    const uint32_t chunk = hfx_u32(at) / HFX_CHUNK;
+    count += chunk != last;
+    last = chunk;
+    if (!found) continue;
+    found[count - 1].chunk = chunk;
+    found[count - 1].factors[hfx_u32(at) % HFX_CHUNK] = hfx_f32(at + 4);
+  }
+  return count;
+}
+
+/* Tells whether a reaction is to effects on a model of a body. */
+static inline int hfx_is_reaction_of(const hfx_clip *clip, uint32_t body,
+                                     const unsigned char *reaction) {
   const unsigned char *at = hfx_record(clip, HFX_BODY, body);
-  uint64_t chunks = 0, weights = 0, held = 0, largest = 0, sum = 0;
+  return hfx_u32(reaction + 4) - hfx_u32(at + 12) < hfx_u32(at + 16);
+}
+
+#define HFX_PARTS 15 /* of a body's memory */
+
+/* Parts of a body's memory, in bytes; their sum. */
+static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body,
+                                    uint64_t parts[HFX_PARTS]) {
+  const unsigned char *at = hfx_record(clip, HFX_BODY, body);
+  const uint64_t bones = hfx_u32(at + 8), reactions = clip->parts[HFX_REAC].count;
+  uint64_t chunks = 0, pulls = 0, reaches = 0, weights = 0, held = 0, largest = 0, sum = 0;
   uint32_t k;
   for (k = 0; k < hfx_u32(at + 16); k++) {
     const uint32_t count = hfx_chunks_of(clip, hfx_u32(at + 12) + k);
     chunks += count;
+    pulls += hfx_count_pulls(clip, hfx_record(clip, HFX_MODL, hfx_u32(at + 12) + k));
     if (count > largest) largest = count;
+  }
+  for (k = 0; k < reactions; k++) {
+    const unsigned char *reaction = hfx_record(clip, HFX_REAC, k);
+    if (hfx_is_reaction_of(clip, body, reaction)) reaches += hfx_find_reaches(clip, reaction, NULL);
   }
   for (k = 0; k < hfx_clip_effects(clip); k++) {
     const unsigned char *effect = hfx_record(clip, HFX_EFCT, k);
@@ -65,35 +99,47 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, uint64_
     weights += hfx_chunks_of(clip, model);
     held += hfx_held_of(clip, model, effect);
   }
-  parts[0] = sizeof(hfx_felt) * (uint64_t)hfx_clip_effects(clip);
-  parts[1] = sizeof(hfx_tone) * (uint64_t)clip->parts[HFX_REAC].count;
-  parts[2] = parts[3] = sizeof(hfx_chunk) * chunks;
-  parts[4] = sizeof(hfx_boxes) * (chunks / HFX_CHUNK + 1);
-  parts[5] = sizeof(hfx_bone_pose) * (uint64_t)hfx_u32(at + 8);
-  parts[6] = 4 * HFX_CHUNK * weights;
-  parts[7] = 4 * held;
-  parts[8] = 4 * HFX_CHUNK * largest;
-  for (k = 0; k < 9; k++) sum += parts[k];
+  parts[0] = 2 * sizeof(hfx_lanes) * (bones + 1);
+  parts[1] = sizeof(hfx_felt) * (uint64_t)hfx_clip_effects(clip);
+  parts[2] = sizeof(hfx_reaction) * reactions;
+  parts[3] = sizeof(hfx_reach) * reaches;
+  parts[4] = parts[5] = sizeof(hfx_chunk) * chunks;
+  parts[6] = sizeof(hfx_boxes) * (chunks / HFX_CHUNK + 1);
+  parts[7] = sizeof(hfx_bone_pose) * bones;
+  parts[8] = sizeof(hfx_rest) * chunks;
+  parts[9] = sizeof(hfx_pull) * pulls;
+  parts[10] = sizeof(hfx_near) * (largest + 1);
+  parts[11] = 4 * (HFX_CHUNK + 1) * weights;
+  parts[12] = 4 * (HFX_CHUNK + 1) * held;
+  parts[13] = 4 * HFX_CHUNK * largest;
+  parts[14] = 4 * largest;
+  for (k = 0; k < HFX_PARTS; k++) sum += parts[k];
   return sum;
 }
 
 HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body) {
-  uint64_t parts[9], sum;
+  uint64_t parts[HFX_PARTS], sum;
   if (body >= hfx_clip_bodies(clip)) return 0;
   sum = hfx_parts_of(clip, body, parts) + 1;
   return sum < (uint64_t)(size_t)-1 ? (size_t)sum : 0;
 }
 
-/* Sets up an effect on a body, off, in memory of zeros. */
-static inline void hfx_begin_felt(const hfx_body *self, hfx_felt *felt, uint32_t effect,
-                                  float *weights, float *held) {
+/* Sets up an effect on a body, off, in memory of zeros; where its weights end. */
+static inline float *hfx_begin_felt(const hfx_body *self, hfx_felt *felt, uint32_t effect,
+                                    float *weights) {
+  uint32_t chunks, held;
   felt->effect = hfx_record(&self->clip, HFX_EFCT, effect);
   felt->model = hfx_model_of(&self->clip, self->body, felt->effect);
   felt->first_chunk = hfx_first_chunk(&self->clip, self->body, felt->model);
+  chunks = hfx_chunks_of(&self->clip, felt->model);
+  held = hfx_held_of(&self->clip, felt->model, felt->effect);
   felt->weights = weights;
-  felt->held = held;
+  felt->peaks = felt->weights + HFX_CHUNK * (size_t)chunks;
+  felt->held = felt->peaks + chunks;
+  felt->held_peaks = felt->held + HFX_CHUNK * (size_t)held;
   hfx_floats(felt->effect + 40, 4, felt->parameters);
   hfx_floats(felt->effect + 76, 12, felt->matrix);
+  return felt->held_peaks + held;
 }
 
 /* Sets the weights of a painted area. */
@@ -102,49 +148,68 @@ static inline void hfx_paint(const hfx_body *self, hfx_felt *felt) {
   uint32_t k;
   for (k = 0; k < count; k++) {
     const unsigned char *at = hfx_record(&self->clip, HFX_PNTD, hfx_u32(felt->effect + 68) + k);
-    if (hfx_u32(at) < hfx_vertices_of(&self->clip, felt->model))
-      felt->weights[hfx_u32(at)] = hfx_f32(at + 4);
+    if (hfx_u32(at) >= hfx_vertices_of(&self->clip, felt->model)) continue;
+    felt->weights[hfx_u32(at)] = hfx_f32(at + 4);
+    felt->peaks[hfx_u32(at) / HFX_CHUNK] = 1.0f; /* or less */
   }
   felt->to = count ? hfx_chunks_of(&self->clip, felt->model) : 0;
+}
+
+/* Reads what actuators reach, into memory of zeros. */
+static inline void hfx_read_reactions(hfx_body *self) {
+  uint32_t k, first = 0;
+  for (k = 0; k < self->clip.parts[HFX_REAC].count; k++) {
+    const unsigned char *at = hfx_record(&self->clip, HFX_REAC, k);
+    self->reactions[k].first = first;
+    if (hfx_is_reaction_of(&self->clip, self->body, at))
+      first += hfx_find_reaches(&self->clip, at, self->reaches + first);
+    self->reactions[k].end = first;
+  }
 }
 
 HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, void *memory,
                           size_t size) {
   unsigned char *at = (unsigned char *)memory;
-  uint64_t parts[9], i;
+  uint64_t parts[HFX_PARTS], i;
   uint32_t k;
-  float *weights, *held;
+  float *weights;
   self->clip = *clip;
   self->body = HFX_NONE;
   self->felt = self->last = self->recent = NULL;
   if (body >= hfx_clip_bodies(clip)) return HFX_ERROR_INDEX;
   if (!memory || hfx_parts_of(clip, body, parts) > size) return HFX_ERROR_MEMORY;
   for (i = 0; i < size; i++) at[i] = 0;
-  self->felt = (hfx_felt *)memory;
-  self->tones = (hfx_tone *)(void *)(at += parts[0]);
-  self->places = (hfx_chunk *)(void *)(at += parts[1]);
-  self->before = (hfx_chunk *)(void *)(at += parts[2]);
-  self->boxes = (hfx_boxes *)(void *)(at += parts[3]);
-  self->bones = (hfx_bone_pose *)(void *)(at += parts[4]);
-  weights = (float *)(void *)(at += parts[5]);
-  held = (float *)(void *)(at += parts[6]);
-  self->scratch = (float *)(void *)(at += parts[7]);
+  self->pose = (hfx_lanes *)memory;
+  self->felt = (hfx_felt *)(void *)(at += parts[0]);
+  self->reactions = (hfx_reaction *)(void *)(at += parts[1]);
+  self->reaches = (hfx_reach *)(void *)(at += parts[2]);
+  self->places = (hfx_chunk *)(void *)(at += parts[3]);
+  self->before = (hfx_chunk *)(void *)(at += parts[4]);
+  self->boxes = (hfx_boxes *)(void *)(at += parts[5]);
+  self->bones = (hfx_bone_pose *)(void *)(at += parts[6]);
+  self->rest = (hfx_rest *)(void *)(at += parts[7]);
+  self->pulls = (hfx_pull *)(void *)(at += parts[8]);
+  self->near = (hfx_near *)(void *)(at += parts[9]);
+  weights = (float *)(void *)(at += parts[10]);
+  self->scratch = (float *)(void *)(at += parts[11] + parts[12]);
+  self->scratch_peaks = (float *)(void *)(at + parts[13]);
   self->body = body;
   self->frame = 0;
-  self->chunks = (uint32_t)(parts[2] / sizeof(hfx_chunk));
-  hfx_find_bone_extents(self);
+  self->chunks = (uint32_t)(parts[4] / sizeof(hfx_chunk));
   self->is_posed = self->was_posed = 0;
   self->time_s = 0.0;
+  self->pose_before = self->pose + hfx_clip_bones(clip, body) + 1;
+  hfx_read_skin(self);
+  hfx_find_bone_extents(self);
+  hfx_read_reactions(self);
   for (k = 0; k < hfx_clip_effects(clip); k++) {
     hfx_felt *felt = &self->felt[k];
-    hfx_begin_felt(self, felt, k, weights, held);
+    weights = hfx_begin_felt(self, felt, k, weights);
     if (hfx_u32(felt->effect + 4)) hfx_paint(self, felt);
     else felt->level = hfx_f32(felt->effect + 36);
     felt->number = k;
     if (self->last) self->last->next = felt;
     self->last = self->recent = felt;
-    weights += HFX_CHUNK * (size_t)hfx_chunks_of(clip, felt->model);
-    held += hfx_held_of(clip, felt->model, felt->effect);
   }
   self->next_number = k;
   return 0;
@@ -152,27 +217,24 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
 
 HFX_API size_t hfx_body_volume_bytes(const hfx_clip *clip, uint32_t body, uint32_t effect) {
   const unsigned char *at;
-  uint64_t floats;
+  uint64_t bytes;
   uint32_t model;
   if (body >= hfx_clip_bodies(clip) || effect >= hfx_clip_effects(clip)) return 0;
   at = hfx_record(clip, HFX_EFCT, effect);
   model = hfx_model_of(clip, body, at);
   if (hfx_u32(at + 4)) return 0;
-  floats = HFX_CHUNK * (uint64_t)hfx_chunks_of(clip, model) + hfx_held_of(clip, model, at);
-  floats = sizeof(hfx_felt) + 4 * floats;
-  return floats < (uint64_t)(size_t)-1 ? (size_t)floats : 0;
+  bytes = (uint64_t)hfx_chunks_of(clip, model) + hfx_held_of(clip, model, at);
+  bytes = sizeof(hfx_felt) + 4 * (HFX_CHUNK + 1) * bytes;
+  return bytes < (uint64_t)(size_t)-1 ? (size_t)bytes : 0;
 }
 
 HFX_API uint32_t hfx_body_add_volume(hfx_body *self, uint32_t effect, void *memory, size_t size) {
   const size_t needed = hfx_body_volume_bytes(&self->clip, self->body, effect);
   hfx_felt *felt = (hfx_felt *)memory;
-  float *weights;
   size_t i;
   if (!memory || !needed || size < needed || self->next_number == HFX_NONE) return HFX_NONE;
   for (i = 0; i < needed; i++) ((unsigned char *)memory)[i] = 0;
-  weights = (float *)(void *)(felt + 1);
-  hfx_begin_felt(self, felt, effect, weights, NULL);
-  felt->held = weights + HFX_CHUNK * (size_t)hfx_chunks_of(&self->clip, felt->model);
+  hfx_begin_felt(self, felt, effect, (float *)(void *)(felt + 1));
   felt->number = self->next_number++;
   self->last->next = felt;
   self->last = felt;
@@ -252,13 +314,12 @@ static inline void hfx_feel(hfx_body *self, hfx_felt *felt, double seconds) {
     hfx_touch touch;
     touch.felt = felt;
     touch.body = self;
-    touch.model = hfx_record(&self->clip, HFX_MODL, felt->model);
-    touch.weights = self->scratch;
+    touch.weights = self->scratch, touch.peaks = self->scratch_peaks;
     touch.first = felt->first_chunk;
     touch.vertices = hfx_vertices_of(&self->clip, felt->model);
     touch.count = hfx_chunks_of(&self->clip, felt->model);
     if (hfx_place(&touch.volume, felt->effect, felt->matrix))
-      felt->response = hfx_respond(self, &touch, felt->weights, seconds);
+      felt->response = hfx_respond(self, &touch, seconds);
     for (i = 0; i < 12; i++) felt->before[i] = felt->matrix[i];
   }
   if (!is_on) felt->was_touched = 0;
@@ -293,38 +354,42 @@ static inline double hfx_together(const hfx_tone *tone, double *found_hz) {
 }
 
 /* Gain of an actuator for an effect: weights of the vertices that it reaches, times factors. */
-static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt,
-                              const unsigned char *reaction) {
-  const uint32_t first = hfx_u32(reaction + 24), count = hfx_u32(reaction + 28);
-  const unsigned char *at = hfx_record(&self->clip, HFX_RCHV, first), *end = at + 8 * (size_t)count;
-  const float *weights = felt->weights;
-  const int is_mean = hfx_u32(reaction + 12) == 1;
-  double strongest = 0.0, sum = 0.0;
-  if (!count || hfx_u32(at) / HFX_CHUNK >= felt->to) return 0.0;
-  if (hfx_u32(end - 8) / HFX_CHUNK < felt->from) return 0.0;
-  for (; at < end; at += 8) {
-    const double weight = weights[hfx_u32(at)];
-    if (!(weight > strongest)) continue; /* of the strongest, too: no factor is above 1 */
-    if (is_mean) sum += weight * hfx_f32(at + 4);
-    else if (weight * hfx_f32(at + 4) > strongest) strongest = weight * hfx_f32(at + 4);
-    if (strongest >= 1.0) break;
+static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt, uint32_t reaction,
+                              const unsigned char *at) {
+  const hfx_reach *reach = self->reaches + self->reactions[reaction].first;
+  const hfx_reach *end = self->reaches + self->reactions[reaction].end;
+  const int is_mean = hfx_u32(at + 12) == 1;
+  float strongest = 0.0f;
+  double sum = 0.0;
+  for (; reach < end; reach++) {
+    const float *weights = felt->weights + HFX_CHUNK * (size_t)reach->chunk;
+    float gains[HFX_CHUNK];
+    int i;
+    if (!(felt->peaks[reach->chunk] > strongest)) continue; /* no factor is above 1 */
+    for (i = 0; i < HFX_CHUNK; i++) gains[i] = weights[i] * reach->factors[i];
+    if (is_mean) {
+      sum += hfx_total(gains);
+    } else {
+      const float gain = hfx_largest(gains);
+      if (gain > strongest) strongest = gain;
+    }
   }
-  return is_mean ? sum / count : strongest;
+  return is_mean && sum > 0.0 ? sum / hfx_u32(at + 28) : strongest;
 }
 
 /* Value of a reaction at its actuator, and for vibrations its frequency. */
-static inline double hfx_reaction(hfx_body *self, const unsigned char *at, uint32_t target,
-                                  double *found_hz) {
+static inline double hfx_react(hfx_body *self, uint32_t reaction, uint32_t target,
+                               double *found_hz) {
+  const unsigned char *at = hfx_record(&self->clip, HFX_REAC, reaction);
   const uint32_t modality = hfx_u32(at + 8);
   double sum = 0.0, wind[3] = {0.0, 0.0, 0.0};
   hfx_tone *first = NULL, *last = NULL;
   hfx_felt *felt;
-  for (felt = self->felt; felt; felt = felt->next) {
+  for (felt = self->acting[modality]; felt; felt = felt->next_acting) {
     double does;
     int c;
-    if (felt->model != hfx_u32(at + 4) || !(felt->response > 0.0)) continue;
-    if (hfx_u32(felt->effect + 8) != modality) continue;
-    does = hfx_gain(self, felt, at) * felt->response * felt->level;
+    if (felt->model != hfx_u32(at + 4)) continue;
+    does = hfx_gain(self, felt, reaction, at) * felt->response * felt->level;
     if (!(does > 0.0)) continue;
     does *= felt->parameters[0] -
             (modality == HFX_TEMPERATURE ? hfx_f32(felt->effect + 56) : 0.0);
@@ -348,8 +413,6 @@ static inline float hfx_limited(const unsigned char *column, double value) {
 
 static inline void hfx_drive(hfx_body *self, float *out) {
   const hfx_clip *clip = &self->clip;
-  const unsigned char *body = hfx_record(clip, HFX_BODY, self->body);
-  const uint32_t first = hfx_u32(body + 12), models = hfx_u32(body + 16);
   const uint32_t reactions = clip->parts[HFX_REAC].count;
   uint32_t r = 0;
   while (r < reactions) {
@@ -361,16 +424,13 @@ static inline void hfx_drive(hfx_body *self, float *out) {
     double sum = 0.0, hz = 0.0;
     int is_any = 0;
     for (; r < reactions && hfx_u32(hfx_record(clip, HFX_REAC, r)) == index; r++) {
-      const unsigned char *at = hfx_record(clip, HFX_REAC, r);
-      double does;
-      if (hfx_u32(at + 4) - first >= models) continue;
-      does = hfx_reaction(self, at, target, &hz);
+      const double does = hfx_react(self, r, target, &hz);
       if (does == 0.0) continue;
       sum += does;
       is_any = 1;
-      self->tones[r].strength = (float)does;
-      self->tones[r].hertz = (float)hz;
-      if (target == HFX_VIBRATION) hfx_add_tone(&lowest, &last, &self->tones[r]);
+      self->reactions[r].tone.strength = (float)does;
+      self->reactions[r].tone.hertz = (float)hz;
+      if (target == HFX_VIBRATION) hfx_add_tone(&lowest, &last, &self->reactions[r].tone);
     }
     if (!is_any) continue;
     if (target == HFX_VIBRATION) sum = hfx_together(lowest, &hz);
@@ -383,7 +443,7 @@ static inline void hfx_drive(hfx_body *self, float *out) {
 }
 
 HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out) {
-  hfx_felt *felt;
+  hfx_felt *felt, **next_acting[HFX_WIND + 1];
   uint32_t k;
   int c;
   hfx_neutral(&self->clip, out);
@@ -391,7 +451,15 @@ HFX_API void hfx_body_evaluate(hfx_body *self, double seconds, float *out) {
   seconds = hfx_elapsed(seconds);
   self->time_s += seconds;
   if (self->is_posed) hfx_begin_pose(self);
-  for (felt = self->felt; felt; felt = felt->next) hfx_feel(self, felt, seconds);
+  for (k = 0; k <= HFX_WIND; k++) next_acting[k] = &self->acting[k], self->acting[k] = NULL;
+  for (felt = self->felt; felt; felt = felt->next) {
+    const uint32_t modality = hfx_u32(felt->effect + 8);
+    hfx_feel(self, felt, seconds);
+    felt->next_acting = NULL;
+    if (!(felt->response > 0.0)) continue;
+    *next_acting[modality] = felt;
+    next_acting[modality] = &felt->next_acting;
+  }
   for (k = 0; k < hfx_clip_bones(&self->clip, self->body); k++)
     for (c = 0; c < 16; c++) self->bones[k].before[c] = self->bones[k].now[c];
   self->was_posed = self->is_posed;

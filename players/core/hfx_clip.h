@@ -32,6 +32,11 @@ static inline double hfx_f64(const unsigned char *at) {
   return value;
 }
 
+static inline void hfx_copy(void *to, const void *from, size_t size) {
+  size_t i;
+  for (i = 0; i < size; i++) ((unsigned char *)to)[i] = ((const unsigned char *)from)[i];
+}
+
 static inline uint32_t hfx_crc32(const unsigned char *at, size_t size) {
   static const uint32_t of_nibble[16] = {
       0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u,

@@ -229,28 +229,46 @@ typedef struct hfx_tone { /* a vibration in a sum */
 typedef struct hfx_felt { /* a volume or a painted area on a body */
   double level, response, speeds[16]; /* level: the factor times the level in the clip */
   const unsigned char *effect;
-  struct hfx_felt *next;  /* in the order of `number` */
-  float *weights, *held;  /* of the model's vertices; what impacts hold */
+  struct hfx_felt *next;        /* in the order of `number` */
+  struct hfx_felt *next_acting; /* of those of one modality with a response */
+  float *weights, *held;        /* of the model's vertices; what impacts hold */
+  float *peaks, *held_peaks;    /* the largest of each chunk; where it is 0, held may be anything */
   hfx_tone tone;
   float matrix[12], before[12], parameters[4];
-  uint32_t number;                   /* of the effect, or of hfx_body_add_volume */
-  uint32_t model, first_chunk;       /* HFX_NONE: not felt by this body */
-  uint32_t from, to;                 /* chunks outside of these have no weight */
-  uint32_t held_from, held_to;       /* chunks outside of these have no held weight */
+  uint32_t number;             /* of the effect, or of hfx_body_add_volume */
+  uint32_t model, first_chunk; /* HFX_NONE: not felt by this body */
+  uint32_t from, to;           /* chunks outside of these have no weight */
+  uint32_t held_from, held_to; /* chunks outside of these have no held weight */
   int was_on, was_touched, impact_count;
   hfx_impact impacts[HFX_IMPACTS];
 } hfx_felt;
 
 #define HFX_CHUNK 32 /* neighbouring vertices of a model that share a box */
+#define HFX_LANES 4  /* neighbouring vertices that are computed together */
 
 typedef struct hfx_chunk { /* places of its vertices, the last of a model repeated to fill it */
   float x[HFX_CHUNK], y[HFX_CHUNK], z[HFX_CHUNK];
   uint32_t frame; /* in which it was posed */
 } hfx_chunk;
 
+typedef struct hfx_pull { /* of a bone on HFX_LANES vertices */
+  float shares[HFX_LANES];
+  uint32_t bone;
+} hfx_pull;
+
+typedef struct hfx_rest { /* a chunk in rest space */
+  float x[HFX_CHUNK], y[HFX_CHUNK], z[HFX_CHUNK];
+  uint32_t first[HFX_CHUNK / HFX_LANES + 1]; /* pull of each HFX_LANES vertices; where they end */
+} hfx_rest;
+
+typedef struct hfx_lanes { /* a 3 x 4 matrix, each number once for each lane */
+  float at[12][HFX_LANES];
+} hfx_lanes;
+
 typedef struct hfx_boxes { /* of as many chunks */
   hfx_chunk centre, half;
   float slack[HFX_CHUNK]; /* metres that vertices may have moved since they were posed */
+  float low[3], high[3];  /* corners of a box round all in this frame */
 } hfx_boxes;
 
 typedef struct hfx_bone_pose {
@@ -258,17 +276,38 @@ typedef struct hfx_bone_pose {
   float low[4], high[4];     /* box in rest space round the vertices that follow the bone */
 } hfx_bone_pose;
 
+typedef struct hfx_near { /* a chunk within reach of a volume */
+  uint32_t chunk;
+  float least_m, away_m[HFX_CHUNK]; /* distances of its vertices, for proximity alone */
+} hfx_near;
+
+typedef struct hfx_reach { /* factors of an actuator for the vertices of a chunk */
+  uint32_t chunk;
+  float factors[HFX_CHUNK];
+} hfx_reach;
+
+typedef struct hfx_reaction {
+  hfx_tone tone;
+  uint32_t first, end; /* reaches */
+} hfx_reaction;
+
 typedef struct hfx_body { /* what is behind these pointers lies in the memory that was given */
   hfx_clip clip;
   uint32_t body, frame, chunks, next_number;
   int is_posed, was_posed;
   double time_s;
   hfx_felt *felt, *last, *recent; /* of each effect; the newest added volume; the last one found */
-  hfx_tone *tones;                /* one for each reaction */
+  hfx_felt *acting[HFX_WIND + 1]; /* the first of each modality with a response */
+  hfx_reaction *reactions;
+  hfx_reach *reaches;
   hfx_bone_pose *bones;
+  hfx_lanes *pose, *pose_before; /* of each bone, and one that leaves vertices where they are */
+  hfx_rest *rest;
+  hfx_pull *pulls;
   hfx_chunk *places, *before;
   hfx_boxes *boxes;
-  float *scratch; /* weights of one model */
+  hfx_near *near;                /* of one model, as the following */
+  float *scratch, *scratch_peaks; /* weights, and the largest of each chunk; 0 between effects */
 } hfx_body;
 
 /* Memory that a body needs, aligned as malloc's; 0: there is no such body. */

@@ -28,60 +28,66 @@ static inline int hfx_is_in_space(const unsigned char *filter) {
   return hfx_u32(filter) == HFX_DISTANCE;
 }
 
-/* Nearness of a vertex, 1 at the volume and inside, 0 at the range and beyond. */
-static inline double hfx_nearness(const unsigned char *filter, double away_m) {
-  return away_m > 0.0 ? pow(1.0 - away_m / hfx_control(filter, 1), hfx_control(filter, 2)) : 1.0;
-}
-
-/* Distances of a chunk's vertices from a volume, metres; beyond the range any number above it.
- * 0: all are beyond. */
-static inline int hfx_distances(const hfx_volume *volume, const hfx_chunk *chunk, float range_m,
-                                float *found) {
-  const float *m = volume->to_shape;
-  float most[3], gauge[HFX_CHUNK];
-  hfx_chunk p;
-  int i, is_any = 0;
-  hfx_transform(m, chunk, &p);
-  for (i = 0; i < 3; i++, m += 4)
-    most[i] = (i == 2 && volume->shape == 3 ? 1.0f + volume->half : 1.0f) +
-              range_m * sqrtf(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]) * (1.0f + HFX_ROUNDING);
-  for (i = 0; i < HFX_CHUNK; i++)
-    is_any |= (fabsf(p.x[i]) <= most[0]) & (fabsf(p.y[i]) <= most[1]) & (fabsf(p.z[i]) <= most[2]);
-  if (!is_any) return 0;
-  hfx_gauge(volume, &p, gauge);
-  hfx_distances_outside(volume, &p, found);
-  for (i = 0; i < HFX_CHUNK; i++) found[i] = gauge[i] <= 1.0f ? 0.0f : found[i];
-  return 1;
+/* Powers of numbers from 0 to 1, within 0.00001, with an exponent of 0 or more; 0 stays 0. The
+ * logarithm to base 2 is the number's own exponent and a series in (m - 1) / (m + 1) of the rest
+ * `m`, 0.7 to 1.4; its exponential function is a power of 2 and a series of the rest. */
+static inline void hfx_powers(float *values, float exponent) {
+  uint32_t bits[HFX_CHUNK];
+  float rest[HFX_CHUNK], twos[HFX_CHUNK];
+  int i;
+  hfx_copy(bits, values, sizeof bits);
+  for (i = 0; i < HFX_CHUNK; i++) {
+    const int32_t whole = (int32_t)(bits[i] - 0x3F3504F3u) >> 23;
+    twos[i] = (float)whole;
+    bits[i] -= (uint32_t)whole << 23;
+  }
+  hfx_copy(rest, bits, sizeof bits);
+  for (i = 0; i < HFX_CHUNK; i++) {
+    const float s = (rest[i] - 1.0f) / (rest[i] + 1.0f), y = s * s;
+    const float series = 2.885390f + y * (0.9617967f + y * (0.5770780f + y * 0.4121986f));
+    const float exact = (twos[i] + s * series) * exponent;
+    const float power = exact > -126.0f ? exact : -126.0f;
+    const float whole = (power + 12582912.0f) - 12582912.0f; /* rounded */
+    rest[i] = 0.6931472f * (power - whole);
+    bits[i] = (uint32_t)((int32_t)whole + 127) << 23;
+  }
+  hfx_copy(twos, bits, sizeof bits);
+  for (i = 0; i < HFX_CHUNK; i++) {
+    const float x = rest[i];
+    const float more = 1.0f / 6.0f + x * (1.0f / 24.0f + x * (1.0f / 120.0f + x * (1.0f / 720.0f)));
+    const float power = twos[i] * (1.0f + x * (1.0f + x * (0.5f + x * more)));
+    values[i] = values[i] > 0.0f ? power : 0.0f;
+  }
 }
 
 /* Nearness of untouched skin, 0 to 1 at the boundary, added to the weights where it is felt. */
 static inline double hfx_add_proximity(hfx_touch *touch, const unsigned char *filter,
                                        int is_touched) {
-  const double range_m = hfx_control(filter, 1), rises = hfx_control(filter, 2) > 0.0;
-  double peak = is_touched ? 1.0 : 0.0, least_m = HFX_HUGE_F64;
-  int pass;
-  if (!(hfx_control(filter, 0) > 0.0)) return peak;
-  for (pass = is_touched; pass < 2; pass++) { /* the peak, then the weights */
-    uint32_t k = hfx_next_near(touch, 0, (float)range_m);
-    for (; k < touch->count; k = hfx_next_near(touch, k + 1, (float)range_m)) {
-      float *weights = touch->weights + HFX_CHUNK * (size_t)k;
-      float away_m[HFX_CHUNK];
-      double nearness;
-      int i;
-      if (!hfx_distances(&touch->volume, hfx_posed(touch, k), (float)range_m, away_m)) continue;
-      for (i = 0; i < HFX_CHUNK; i++) {
-        if (!(away_m[i] < range_m) || (pass == 0 && rises && away_m[i] >= least_m)) continue;
-        nearness = hfx_nearness(filter, away_m[i]);
-        least_m = away_m[i];
-        if (pass == 0 && nearness > peak) peak = nearness;
-        if (pass == 0 || !(nearness / peak > weights[i])) continue;
-        weights[i] = (float)(nearness / peak);
-        hfx_widen_range(touch, k);
-      }
+  const float range_m = (float)hfx_control(filter, 1);
+  const double exponent = hfx_positive(hfx_control(filter, 2));
+  hfx_near *near = touch->body->near, *end = near + touch->nears;
+  float least_m = is_touched ? 0.0f : range_m, share;
+  double peak;
+  if (!(hfx_control(filter, 0) > 0.0) || !(range_m > 0.0f)) return is_touched;
+  for (; near < end; near++) least_m = near->least_m < least_m ? near->least_m : least_m;
+  if (!(least_m < range_m)) return is_touched;
+  peak = pow(1.0 - (double)least_m / range_m, exponent);
+  share = (float)(1.0 / peak);
+  for (near = touch->body->near; near < end; near++) {
+    float *weights = touch->weights + HFX_CHUNK * (size_t)near->chunk, nearness[HFX_CHUNK];
+    int i;
+    if (!(near->least_m < range_m)) continue;
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float x = 1.0f - near->away_m[i] / range_m;
+      nearness[i] = x > 0.0f ? x : 0.0f;
     }
-    if (!(peak > 0.0)) break;
+    hfx_powers(nearness, (float)exponent);
+    for (i = 0; i < HFX_CHUNK; i++) {
+      const float raised = nearness[i] * share < 1.0f ? nearness[i] * share : 1.0f;
+      weights[i] = raised > weights[i] ? raised : weights[i];
+    }
+    hfx_note_weights(touch, near->chunk);
   }
-  hfx_clear_padding(touch);
   return peak;
 }
 
@@ -110,14 +116,17 @@ static inline int hfx_scale_over_space(hfx_touch *touch, const unsigned char *fi
   const double way_m = is_wave ? first : second - first, least_m = is_wave ? 1e-6 : 1e-9;
   const double length_m = way_m > least_m ? way_m : least_m;
   float axis[3] = {0.0f, 0.0f, 0.0f}, length = 0.0f;
-  int is_left = 0, c, i;
-  uint32_t k;
+  uint32_t k, from = touch->from, to = touch->to;
+  int c, i;
   for (c = 0; c < 3; c++) length += matrix[4 * c + 2] * matrix[4 * c + 2];
   if (hfx_u32(filter + 8) == 1 && length > 0.0f)
     for (c = 0; c < 3; c++) axis[c] = matrix[4 * c + 2] / sqrtf(length);
-  for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
-    const hfx_chunk *of = hfx_posed(touch, k);
+  touch->from = touch->count, touch->to = 0;
+  for (k = from; k < to; k++) {
+    const hfx_chunk *of;
     float *weights = touch->weights + HFX_CHUNK * (size_t)k, away_m[HFX_CHUNK], value[HFX_CHUNK];
+    if (!(touch->peaks[k] > 0.0f)) continue;
+    of = hfx_posed(touch, k);
     for (i = 0; i < HFX_CHUNK; i++) {
       const float x = of->x[i] - matrix[3], y = of->y[i] - matrix[7], z = of->z[i] - matrix[11];
       const float along = axis[0] * x + axis[1] * y + axis[2] * z;
@@ -134,10 +143,10 @@ static inline int hfx_scale_over_space(hfx_touch *touch, const unsigned char *fi
       const float factor = 1.0f + (float)influence * (value[i] - 1.0f);
       const float scaled = weights[i] * (factor < 0.0f ? 0.0f : factor > 1.0f ? 1.0f : factor);
       weights[i] = weights[i] > 0.0f ? scaled : weights[i];
-      is_left |= weights[i] > 0.0f;
     }
+    hfx_note_weights(touch, k);
   }
-  return is_left;
+  return touch->from < touch->to;
 }
 
 enum { HFX_VALUE, HFX_DURATION, HFX_PEAK };
@@ -177,7 +186,6 @@ static inline void hfx_strike(hfx_touch *touch, const unsigned char *filter, uin
   int k, chosen = 0;
   uint32_t i, place = 0;
   hfx_impact *made;
-  float *held;
   for (k = 1; k < felt->impact_count; k++)
     if (felt->impacts[k].ends_s < felt->impacts[chosen].ends_s) chosen = k;
   if (felt->impact_count < HFX_IMPACTS) {
@@ -196,8 +204,7 @@ static inline void hfx_strike(hfx_touch *touch, const unsigned char *filter, uin
   made->place = place;
   made->ends_s = time_s + hfx_envelope(made, 0.0, HFX_DURATION);
   made->peaks_s = time_s + hfx_envelope(made, 0.0, HFX_PEAK);
-  held = hfx_held(touch, made);
-  for (i = 0; i < HFX_CHUNK * touch->count; i++) held[i] = 0.0f;
+  for (i = 0; i < touch->count; i++) touch->felt->held_peaks[touch->count * place + i] = 0.0f;
 }
 
 /* Value of an impact; that of its peak in the first frame after it. */
@@ -229,60 +236,76 @@ static inline void hfx_forget_ended(hfx_felt *felt, double time_s, double second
 /* All impacts that ring keep the weights of a touch where these are larger than theirs. */
 static inline void hfx_hold(hfx_touch *touch) {
   hfx_felt *felt = touch->felt;
-  int k;
-  for (k = 0; k < felt->impact_count; k++) {
-    float *held = hfx_held(touch, &felt->impacts[k]);
-    uint32_t i;
-    for (i = HFX_CHUNK * touch->from; i < HFX_CHUNK * touch->to; i++)
-      if (touch->weights[i] > held[i]) held[i] = touch->weights[i];
+  uint32_t k;
+  int n, i;
+  for (n = 0; n < felt->impact_count; n++) {
+    float *held = hfx_held(touch, &felt->impacts[n]);
+    float *peaks = felt->held_peaks + touch->count * (size_t)felt->impacts[n].place;
+    for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
+      const float *weights = touch->weights + HFX_CHUNK * (size_t)k;
+      float *kept = held + HFX_CHUNK * (size_t)k;
+      if (!(peaks[k] > 0.0f)) hfx_copy(kept, weights, sizeof(float) * HFX_CHUNK);
+      for (i = 0; i < HFX_CHUNK; i++) kept[i] = weights[i] > kept[i] ? weights[i] : kept[i];
+      peaks[k] = touch->peaks[k] > peaks[k] ? touch->peaks[k] : peaks[k];
+    }
   }
   if (touch->from < felt->held_from) felt->held_from = touch->from;
   if (touch->to > felt->held_to) felt->held_to = touch->to;
 }
 
 /* Weights of what is touched or near now, and of what rings, `share` as strongly: the mean of what
- * impacts hold, by their envelopes. */
-static inline void hfx_add_held(hfx_touch *touch, float *weights, double share, double seconds) {
+ * impacts hold, by their envelopes. The felt weights are 0 before, those of the touch after. */
+static inline void hfx_add_held(hfx_touch *touch, double share, double seconds) {
   hfx_felt *felt = touch->felt;
   const double time_s = touch->body->time_s;
   double values[HFX_IMPACTS], sum = 0.0;
-  uint32_t from = touch->from, to = touch->to, at;
-  int i, k, newest = 0;
-  for (k = 0; k < felt->impact_count; k++) {
-    sum += values[k] = hfx_ring(&felt->impacts[k], time_s, seconds);
-    if (felt->impacts[k].time_s > felt->impacts[newest].time_s) newest = k;
+  uint32_t at;
+  int i, n, newest = 0;
+  for (n = 0; n < felt->impact_count; n++) {
+    sum += values[n] = hfx_ring(&felt->impacts[n], time_s, seconds);
+    if (felt->impacts[n].time_s > felt->impacts[newest].time_s) newest = n;
   }
-  for (k = 0; k < felt->impact_count; k++)
-    values[k] = share * (sum > 0.0 ? values[k] / sum : k == newest ? 1.0 : 0.0);
-  if (felt->held_from < from) from = felt->held_from;
-  if (felt->held_to > to) to = felt->held_to;
-  for (at = from; at < to; at++) {
+  for (n = 0; n < felt->impact_count; n++)
+    values[n] = share * (sum > 0.0 ? values[n] / sum : n == newest ? 1.0 : 0.0);
+  felt->from = felt->held_from < touch->from ? felt->held_from : touch->from;
+  felt->to = felt->held_to > touch->to ? felt->held_to : touch->to;
+  for (at = felt->from; at < felt->to; at++) {
     const size_t first = HFX_CHUNK * (size_t)at;
-    float sums[HFX_CHUNK] = {0.0f};
-    for (k = 0; k < felt->impact_count && at >= felt->held_from && at < felt->held_to; k++) {
-      const float *held = hfx_held(touch, &felt->impacts[k]) + first, value = (float)values[k];
+    float sums[HFX_CHUNK] = {0.0f}, *weights = touch->weights + first;
+    int is_any = touch->peaks[at] > 0.0f;
+    for (n = 0; n < felt->impact_count; n++) {
+      const float *held = hfx_held(touch, &felt->impacts[n]) + first, value = (float)values[n];
+      const float peak = felt->held_peaks[touch->count * (size_t)felt->impacts[n].place + at];
+      if (!(peak * value > 0.0f)) continue;
       for (i = 0; i < HFX_CHUNK; i++) sums[i] += value * held[i];
+      is_any = 1;
     }
-    if (at >= touch->from && at < touch->to)
-      for (i = 0; i < HFX_CHUNK; i++) {
-        const float weight = touch->weights[first + i];
-        sums[i] = weight > sums[i] ? weight : sums[i];
-      }
-    for (i = 0; i < HFX_CHUNK; i++) /* rounding */
-      weights[first + i] = sums[i] > 1.0f ? 1.0f : sums[i];
+    if (!is_any) continue;
+    for (i = 0; i < HFX_CHUNK; i++) {
+      sums[i] = weights[i] > sums[i] ? weights[i] : sums[i];
+      sums[i] = sums[i] > 1.0f ? 1.0f : sums[i]; /* rounding */
+      weights[i] = 0.0f;
+    }
+    hfx_copy(felt->weights + first, sums, sizeof sums);
+    felt->peaks[at] = hfx_largest(sums);
+    touch->peaks[at] = 0.0f;
   }
-  felt->from = from, felt->to = to;
 }
 
-static inline void hfx_clear(hfx_felt *felt, float *weights) {
-  size_t i = HFX_CHUNK * (size_t)felt->from;
-  for (; i < HFX_CHUNK * (size_t)felt->to; i++) weights[i] = 0.0f;
+/* Sets the weights of an effect to 0. */
+static inline void hfx_clear(hfx_felt *felt) {
+  uint32_t k, i;
+  for (k = felt->from; k < felt->to; k++) {
+    float *weights = felt->weights + HFX_CHUNK * (size_t)k;
+    if (!(felt->peaks[k] > 0.0f)) continue;
+    for (i = 0; i < HFX_CHUNK; i++) weights[i] = 0.0f;
+    felt->peaks[k] = 0.0f;
+  }
   felt->from = felt->to;
 }
 
-/* Tells whether no skin is near enough for a volume to be felt; then its weights are 0. */
-static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weights,
-                             double seconds) {
+/* Range of an effect beyond its volume, metres. */
+static inline float hfx_range(const hfx_body *self, const hfx_touch *touch) {
   float reach = 0.0f;
   uint32_t i;
   for (i = 0; i < hfx_u32(touch->felt->effect + 64); i++) {
@@ -290,11 +313,7 @@ static inline int hfx_is_far(const hfx_body *self, hfx_touch *touch, float *weig
     const double range_m = hfx_u32(filter) == HFX_PROXIMITY ? hfx_control(filter, 1) : 0.0;
     if (range_m > reach) reach = (float)range_m;
   }
-  hfx_forget_ended(touch->felt, self->time_s, seconds);
-  if (touch->felt->impact_count || hfx_next_near(touch, 0, reach) < touch->count) return 0;
-  hfx_clear(touch->felt, weights);
-  touch->felt->was_touched = 0;
-  return 1;
+  return reach;
 }
 
 /* Folds the stack of filters, without the limits of 0 and 1. `is_left`: of what is neither touched
@@ -317,21 +336,27 @@ static inline double hfx_fold(const hfx_body *self, const hfx_touch *touch, cons
 
 /* The response of a volume to its touch, 0 to 1. While impacts ring, its weights are the largest
  * since they began. `seconds` since the moment before. */
-static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weights, double seconds) {
+static inline double hfx_respond(hfx_body *self, hfx_touch *touch, double seconds) {
   hfx_felt *felt = touch->felt;
   const uint32_t count = hfx_u32(touch->felt->effect + 64);
+  const float reach = hfx_range(self, touch);
   double values[16], speed, onset_s = self->time_s, result, left;
   int is_touched, is_any, is_new, multiplies = 0, has_impacts = 0, rings;
-  uint32_t i, f;
-  if (hfx_is_far(self, touch, weights, seconds)) return 0.0;
+  uint32_t f;
+  hfx_forget_ended(felt, self->time_s, seconds);
+  hfx_find_near(touch, reach);
+  hfx_clear(felt);
+  if (!felt->impact_count && !touch->nears) {
+    felt->was_touched = 0;
+    return 0.0;
+  }
   touch->from = touch->count;
   touch->to = 0;
   if (!felt->impact_count) {
-    hfx_clear(felt, weights);
-    touch->weights = weights;
+    touch->weights = felt->weights, touch->peaks = felt->peaks;
     felt->held_from = touch->count, felt->held_to = 0;
   }
-  is_touched = is_any = hfx_contact_weights(touch);
+  is_touched = is_any = hfx_contact_weights(touch, reach);
   speed = count && is_touched ? hfx_mean_speed(touch, seconds) : 0.0;
   is_new = is_touched && !felt->was_touched && felt->was_on && speed > 0.0;
   for (f = 0; f < count; f++) has_impacts |= hfx_u32(hfx_filter(self, touch, f)) == HFX_IMPACT;
@@ -373,14 +398,8 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, float *weight
   result = hfx_fold(self, touch, values, is_touched ? 1.0 : left, 0);
   result = hfx_clamped(result, 0.0, 1.0);
   left = hfx_clamped(hfx_fold(self, touch, values, left, 1), 0.0, 1.0);
-  if (touch->weights != weights) {
-    hfx_clear(felt, weights);
-    hfx_add_held(touch, weights, left < result ? left / result : 1.0, seconds);
-    for (i = HFX_CHUNK * touch->from; i < HFX_CHUNK * touch->to; i++)
-      touch->weights[i] = 0.0f; /* for the next effect */
-  } else {
-    felt->from = touch->from, felt->to = touch->to;
-  }
+  if (touch->weights == felt->weights) felt->from = touch->from, felt->to = touch->to;
+  else hfx_add_held(touch, left < result ? left / result : 1.0, seconds);
   felt->was_touched = is_touched;
   return result >= HFX_WEAKEST && (is_any || rings) ? result : 0.0;
 }

@@ -13,30 +13,43 @@ typedef struct hfx_touch { /* an effect on the skin of a model, at one moment */
   hfx_felt *felt;
   hfx_volume volume;
   hfx_body *body;
-  const unsigned char *model;
-  float *weights;                  /* of the model */
+  float *weights, *peaks;          /* of the model's vertices; the largest of each chunk */
   uint32_t vertices, first, count; /* of the model: vertices, first chunk of the body, chunks */
-  uint32_t from, to;               /* chunks that have weights */
-  float bounds[HFX_CHUNK];         /* of the boxes that hfx_next_near is at */
+  uint32_t from, to;               /* chunks outside of these have no weight */
+  uint32_t nears;                  /* chunks within reach */
 } hfx_touch;
 
-/* First chunk from `k` on that may be within reach; begins at 0. */
-static inline uint32_t hfx_next_near(hfx_touch *touch, uint32_t k, float reach) {
-  for (; k < touch->count; k++) {
-    const uint32_t at = touch->first + k;
-    if (k == 0 || at % HFX_CHUNK == 0)
-      hfx_least_gauges(&touch->volume, touch->body->boxes + at / HFX_CHUNK, reach, touch->bounds);
-    if (touch->bounds[at % HFX_CHUNK] <= 1.0f + HFX_ROUNDING) break;
+/* Tells whether anything within `reach` metres of some boxes may be in a volume. */
+static inline int hfx_is_row_near(const hfx_volume *volume, const hfx_boxes *boxes, float reach) {
+  const float *m = volume->to_world;
+  const float end = volume->shape == 3 ? 1.0f + volume->half : 1.0f;
+  int c;
+  for (c = 0; c < 3; c++, m += 4) {
+    float half = fabsf(m[0]) + fabsf(m[1]) + fabsf(m[2]) * end + reach;
+    half += HFX_ROUNDING * (half + fabsf(m[3]));
+    if (m[3] + half < boxes->low[c] || m[3] - half > boxes->high[c]) return 0;
   }
-  return k;
+  return 1;
 }
 
-/* Poses a chunk of the model; `box`: as of hfx_pose_chunk. */
-static inline void hfx_pose_model_chunk(const hfx_touch *touch, const float *matrices, uint32_t k,
-                               hfx_chunk *chunk, float *box) {
-  const uint32_t i = HFX_CHUNK * k;
-  const unsigned char *at = hfx_record(&touch->body->clip, HFX_VERT, hfx_u32(touch->model + 12) + i);
-  hfx_pose_chunk(&touch->body->clip, matrices, at, touch->vertices - i, chunk, box);
+/* Finds the chunks that may be within reach of a volume, ascending. */
+static inline void hfx_find_near(hfx_touch *touch, float reach) {
+  const uint32_t end = touch->first + touch->count;
+  hfx_near *near = touch->body->near;
+  float bounds[HFX_CHUNK];
+  uint32_t row, at;
+  for (row = touch->first / HFX_CHUNK; row < hfx_chunk_count(end); row++) {
+    const hfx_boxes *boxes = touch->body->boxes + row;
+    const uint32_t from = HFX_CHUNK * row > touch->first ? HFX_CHUNK * row : touch->first;
+    const uint32_t to = HFX_CHUNK * (row + 1) < end ? HFX_CHUNK * (row + 1) : end;
+    if (!hfx_is_row_near(&touch->volume, boxes, reach)) continue;
+    hfx_least_gauges(&touch->volume, boxes, reach, bounds);
+    for (at = from; at < to; at++) {
+      near->chunk = at - touch->first;
+      near += bounds[at % HFX_CHUNK] <= 1.0f + HFX_ROUNDING;
+    }
+  }
+  touch->nears = (uint32_t)(near - touch->body->near);
 }
 
 /* A chunk of the model in this frame, posed when it is first needed. */
@@ -45,18 +58,24 @@ static inline const hfx_chunk *hfx_posed(hfx_touch *touch, uint32_t k) {
   const uint32_t at = touch->first + k, i = at % HFX_CHUNK;
   hfx_boxes *boxes = self->boxes + at / HFX_CHUNK;
   hfx_chunk *chunk = self->places + at;
-  float box[8], middle[4], half[4];
+  const float *places[3];
+  float *middle[3], *half[3];
   int c;
   if (chunk->frame == self->frame) return chunk;
-  hfx_pose_model_chunk(touch, self->bones->now, k, chunk, box);
-  for (c = 0; c < 4; c++) {
-    middle[c] = 0.5f * box[c] + 0.5f * box[4 + c];
-    half[c] = 0.5f * box[4 + c] - 0.5f * box[c];
-    half[c] += HFX_ROUNDING * (fabsf(middle[c]) + half[c]);
-  }
-  boxes->centre.x[i] = middle[0], boxes->centre.y[i] = middle[1], boxes->centre.z[i] = middle[2];
-  boxes->half.x[i] = half[0], boxes->half.y[i] = half[1], boxes->half.z[i] = half[2];
+  hfx_pose_chunk(self->rest + at, self->pulls, self->pose, chunk);
+  places[0] = chunk->x, places[1] = chunk->y, places[2] = chunk->z;
+  middle[0] = boxes->centre.x + i, middle[1] = boxes->centre.y + i, middle[2] = boxes->centre.z + i;
+  half[0] = boxes->half.x + i, half[1] = boxes->half.y + i, half[2] = boxes->half.z + i;
   boxes->slack[i] = 0.0f;
+  for (c = 0; c < 3; c++) {
+    const float low = hfx_smallest(places[c]), high = hfx_largest(places[c]);
+    *middle[c] = 0.5f * low + 0.5f * high;
+    *half[c] = 0.5f * high - 0.5f * low;
+    *half[c] += HFX_ROUNDING * (fabsf(*middle[c]) + *half[c]);
+    if (*half[c] >= 0.0f && *half[c] < HFX_UNKNOWN_SLACK) continue;
+    *middle[c] = *half[c] = 0.0f; /* bones that are no numbers */
+    boxes->slack[i] = HFX_UNKNOWN_SLACK;
+  }
   chunk->frame = self->frame;
   return chunk;
 }
@@ -64,78 +83,95 @@ static inline const hfx_chunk *hfx_posed(hfx_touch *touch, uint32_t k) {
 /* The same in the frame before. */
 static inline const hfx_chunk *hfx_posed_before(hfx_touch *touch, uint32_t k) {
   hfx_body *self = touch->body;
-  hfx_chunk *chunk = self->before + touch->first + k;
-  float box[8];
+  const uint32_t at = touch->first + k;
+  hfx_chunk *chunk = self->before + at;
   if (chunk->frame == self->frame - 1) return chunk;
-  hfx_pose_model_chunk(touch, self->bones->before, k, chunk, box);
+  hfx_pose_chunk(self->rest + at, self->pulls, self->pose_before, chunk);
   chunk->frame = self->frame - 1;
   return chunk;
 }
 
-/* Widens the range of chunks that have weights. */
-static inline void hfx_widen_range(hfx_touch *touch, uint32_t k) {
+/* Takes note of the new weights of a chunk. */
+static inline void hfx_note_weights(hfx_touch *touch, uint32_t k) {
+  float *weights = touch->weights + HFX_CHUNK * (size_t)k;
+  uint32_t i;
+  for (i = touch->vertices - HFX_CHUNK * k; i < HFX_CHUNK; i++) weights[i] = 0.0f; /* padding */
+  touch->peaks[k] = hfx_largest(weights);
+  if (!(touch->peaks[k] > 0.0f)) return;
   if (k < touch->from) touch->from = k;
   if (k >= touch->to) touch->to = k + 1;
 }
 
 /* Next chunk from `k` on that has weights. */
 static inline uint32_t hfx_next_weighted(const hfx_touch *touch, uint32_t k) {
-  for (; k < touch->to; k++) {
-    const float *weights = touch->weights + HFX_CHUNK * (size_t)k;
-    int i, is_any = 0;
-    for (i = 0; i < HFX_CHUNK; i++) is_any |= weights[i] > 0.0f;
-    if (is_any) break;
-  }
+  while (k < touch->to && !(touch->peaks[k] > 0.0f)) k++;
   return k;
 }
 
-/* Takes weights from what fills the last chunk. */
-static inline void hfx_clear_padding(const hfx_touch *touch) {
-  uint32_t i;
-  for (i = touch->vertices; i < HFX_CHUNK * touch->count; i++) touch->weights[i] = 0.0f;
+/* Distances of vertices, at `p` in shape space, from a volume, metres; beyond the range any number
+ * above it. Returns the least. */
+static inline float hfx_distances(const hfx_volume *volume, const hfx_chunk *p, const float *gauge,
+                                  float range_m, float *found) {
+  const float *m = volume->to_shape;
+  float most[3];
+  int i, is_any = 0;
+  for (i = 0; i < 3; i++, m += 4)
+    most[i] = (i == 2 && volume->shape == 3 ? 1.0f + volume->half : 1.0f) +
+              range_m * sqrtf(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]) * (1.0f + HFX_ROUNDING);
+  for (i = 0; i < HFX_CHUNK; i++)
+    is_any |= (fabsf(p->x[i]) <= most[0]) & (fabsf(p->y[i]) <= most[1]) &
+              (fabsf(p->z[i]) <= most[2]);
+  if (!is_any) return HFX_FARTHEST;
+  hfx_distances_outside(volume, p, found);
+  for (i = 0; i < HFX_CHUNK; i++) found[i] = gauge[i] <= 1.0f ? 0.0f : found[i];
+  return hfx_smallest(found);
 }
 
-/* Weights of what is inside; whether anything is. The weights are 0 before. */
-static inline int hfx_contact_weights(hfx_touch *touch) {
-  uint32_t k;
-  for (k = hfx_next_near(touch, 0, 0.0f); k < touch->count; k = hfx_next_near(touch, k + 1, 0.0f)) {
+/* Weights of what is inside, and distances of what is within `reach`; whether anything is inside.
+ * The weights are 0 before. */
+static inline int hfx_contact_weights(hfx_touch *touch, float reach) {
+  hfx_near *near = touch->body->near, *end = near + touch->nears;
+  for (; near < end; near++) {
+    const uint32_t k = near->chunk;
     hfx_chunk p;
     float gauge[HFX_CHUNK];
     hfx_transform(touch->volume.to_shape, hfx_posed(touch, k), &p);
     hfx_gauge(&touch->volume, &p, gauge);
     if (hfx_falloff_weights(&touch->volume, gauge, touch->weights + HFX_CHUNK * (size_t)k))
-      hfx_widen_range(touch, k);
+      hfx_note_weights(touch, k);
+    if (reach > 0.0f)
+      near->least_m = hfx_distances(&touch->volume, &p, gauge, reach, near->away_m);
   }
-  hfx_clear_padding(touch);
-  return hfx_next_weighted(touch, touch->from) < touch->to;
+  return touch->from < touch->to;
 }
 
 /* Mean speed of touched skin against the volume since the moment before, m/s. */
 static inline double hfx_mean_speed(hfx_touch *touch, double seconds) {
-  float then[12];
+  const float *m = touch->volume.to_world;
+  float then[12], moved[12]; /* moved: by the volume, of what it takes along, in the world */
   double sum = 0.0, weights = 0.0;
   uint32_t k;
+  int r, c;
   if (!touch->body->was_posed || !touch->felt->was_on || !(seconds > 0.0)) return 0.0;
   if (!hfx_inverse(touch->felt->before, then)) return 0.0;
+  for (r = 0; r < 12; r += 4)
+    for (c = 0; c < 4; c++)
+      moved[r + c] = m[r] * then[c] + m[r + 1] * then[4 + c] + m[r + 2] * then[8 + c] +
+                     (c == 3 ? m[r + 3] : 0.0f);
   for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
     const float *weight = touch->weights + HFX_CHUNK * (size_t)k;
-    hfx_chunk p, q;
-    const float *m = touch->volume.to_world;
+    const hfx_chunk *p = hfx_posed(touch, k);
+    hfx_chunk q;
     float way[HFX_CHUNK];
     int i;
-    hfx_transform(touch->volume.to_shape, hfx_posed(touch, k), &p);
-    hfx_transform(then, hfx_posed_before(touch, k), &q);
+    hfx_transform(moved, hfx_posed_before(touch, k), &q);
     for (i = 0; i < HFX_CHUNK; i++) {
-      const float x = p.x[i] - q.x[i], y = p.y[i] - q.y[i], z = p.z[i] - q.z[i];
-      const float a = m[0] * x + m[1] * y + m[2] * z, b = m[4] * x + m[5] * y + m[6] * z;
-      const float d = m[8] * x + m[9] * y + m[10] * z;
-      way[i] = sqrtf(a * a + b * b + d * d);
+      const float x = p->x[i] - q.x[i], y = p->y[i] - q.y[i], z = p->z[i] - q.z[i];
+      const float length = sqrtf(x * x + y * y + z * z);
+      way[i] = weight[i] > 0.0f ? weight[i] * length : 0.0f;
     }
-    for (i = 0; i < HFX_CHUNK; i++) {
-      if (!(weight[i] > 0.0f)) continue;
-      sum += weight[i] * way[i];
-      weights += weight[i];
-    }
+    sum += hfx_total(way);
+    weights += hfx_total(weight);
   }
   return weights > 0.0 ? sum / weights / seconds : 0.0;
 }

@@ -8,6 +8,15 @@
 extern "C" {
 #endif
 
+#define HFX_FARTHEST 3.4e38f
+
+/* A loop that gcc makes one vector instruction of, if it does not unroll it before. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define HFX_KEEP_LOOP _Pragma("GCC unroll 1")
+#else
+#define HFX_KEEP_LOOP
+#endif
+
 typedef struct hfx_volume { /* a volume at one moment */
   float to_shape[12], to_shape_sizes[12]; /* sizes: absolute values, without translation */
   const float *to_world;
@@ -50,6 +59,43 @@ static inline void hfx_transform(const float *m, const hfx_chunk *of, hfx_chunk 
     found->y[i] = m[4] * x + m[5] * y + m[6] * z + m[7];
     found->z[i] = m[8] * x + m[9] * y + m[10] * z + m[11];
   }
+}
+
+/* Sum of the numbers of a chunk. */
+static inline float hfx_total(const float *values) {
+  float sums[HFX_LANES] = {0.0f};
+  int k, i;
+  for (k = 0; k < HFX_CHUNK; k += HFX_LANES) {
+    HFX_KEEP_LOOP
+    for (i = 0; i < HFX_LANES; i++) sums[i] += values[k + i];
+  }
+  return (sums[0] + sums[1]) + (sums[2] + sums[3]);
+}
+
+/* Largest of the numbers of a chunk, leaving out NaN. */
+static inline float hfx_largest(const float *values) {
+  float most[HFX_LANES];
+  int k, i;
+  for (i = 0; i < HFX_LANES; i++) most[i] = -HFX_FARTHEST;
+  for (k = 0; k < HFX_CHUNK; k += HFX_LANES) {
+    HFX_KEEP_LOOP
+    for (i = 0; i < HFX_LANES; i++) most[i] = values[k + i] > most[i] ? values[k + i] : most[i];
+  }
+  for (i = 1; i < HFX_LANES; i++) most[0] = most[i] > most[0] ? most[i] : most[0];
+  return most[0];
+}
+
+/* Smallest of the numbers of a chunk, leaving out NaN. */
+static inline float hfx_smallest(const float *values) {
+  float least[HFX_LANES];
+  int k, i;
+  for (i = 0; i < HFX_LANES; i++) least[i] = HFX_FARTHEST;
+  for (k = 0; k < HFX_CHUNK; k += HFX_LANES) {
+    HFX_KEEP_LOOP
+    for (i = 0; i < HFX_LANES; i++) least[i] = values[k + i] < least[i] ? values[k + i] : least[i];
+  }
+  for (i = 1; i < HFX_LANES; i++) least[0] = least[i] < least[0] ? least[i] : least[0];
+  return least[0];
 }
 
 /* Squares of the gauge of a shape, docs/formats/clip.md, at places in its space. */
