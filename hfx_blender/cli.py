@@ -40,7 +40,7 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     """Build the parser of all commands available in this installation."""
-    from .commands import convert, device, export, info, play, sound, texture, validate
+    from .commands import convert, device, doctor, export, info, play, sound, texture, validate
 
     parser = _Parser(
         prog=prog,
@@ -53,7 +53,7 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     demo, body, bench = map(left_out.module, ("demo", "body", "bench"))
     for module in (
         *(demo, export, sound, info, validate, convert, play),
-        *(body, device, texture, bench),
+        *(body, device, texture, bench, doctor),
     ):
         if module is not None:
             module.add_parser(commands)

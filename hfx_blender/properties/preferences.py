@@ -67,6 +67,7 @@ class HfxPreferences(bpy.types.AddonPreferences):
         from ..devices.live import approval
 
         layout = self.layout
+        layout.operator("hfx.copy_system_information", icon="COPYDOWN")
         layout.label(text="My Colours (palette of a scene in the HFX tab)", icon="COLOR")
         row = layout.row()
         for name in (*MODALITIES, _COLD):

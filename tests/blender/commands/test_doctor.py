@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx doctor``: facts of an installation, without personal names."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from hfx_blender import cli
+from hfx_blender.commands import doctor
+from hfx_blender.version import __version__
+
+
+def _facts(capsys: pytest.CaptureFixture[str]) -> dict[str, str]:
+    assert cli.run(["doctor", "--json"]) == 0
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def test_versions_and_libraries_are_those_in_use(capsys: pytest.CaptureFixture[str]) -> None:
+    facts = _facts(capsys)
+    assert facts["HFX"] == f"{__version__}, command"
+    assert facts["Blender"].startswith(bpy.app.version_string)
+    assert facts["Library numpy"] == np.__version__
+    assert cli.run(["doctor"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert f"Library numpy: {np.__version__}" in lines and len(lines) == len(facts)
+
+
+def test_a_missing_library_is_named_with_its_use(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pythonosc", None)  # an import raises ImportError
+    facts = _facts(capsys)
+    assert facts["Library pythonosc"].startswith("missing (")
+    assert facts["Library pythonosc"].endswith("needed for OSC")
+
+
+def test_ports_without_permission_are_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = SimpleNamespace(name="/dev/no_such_port", description="Belt", usb=(0x2341, 0x43))
+    monkeypatch.setattr(doctor, "serial_ports", lambda: [port])
+    monkeypatch.setattr(sys, "platform", "linux")
+    expected = "/dev/no_such_port (Belt 2341:0043, no permission (group dialout or uucp))"
+    assert _facts(capsys)["Serial ports"] == expected
+
+
+def test_neither_the_home_folder_nor_the_user_is_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for variable in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.setenv(variable, "jane.doe")
+    monkeypatch.setenv("HOME", str(tmp_path / "jane.doe"))
+    monkeypatch.setenv("USERPROFILE", str(tmp_path / "jane.doe"))
+    monkeypatch.setenv("HFX_USER_DATA", str(tmp_path / "jane.doe" / "data"))
+    monkeypatch.setenv("HFX_EFFECTS", str(tmp_path / "shared" / "jane.doe"))
+    facts = _facts(capsys)
+    assert "jane" not in json.dumps(facts)
+    assert facts["Folder of settings"] == f"~{os.sep}data (not there yet)"
+    assert facts["Folder of the user's sensations"].startswith(str(tmp_path / "shared" / "USER"))
