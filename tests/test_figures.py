@@ -118,7 +118,11 @@ FIGURES: tuple[tuple[str, str, Callable[[], Any]], ...] = (
     # 600 is the smallest tick rate with whole ticks for 24 frames and 100 samples a second.
     ("formats/hjif.md", r"\((\d+) s at 24 frames and 100 s", lambda: envelopes.MAX_POSITION // 600),
     ("formats/hjif.md", r"level 1 up to (\d+) channels", lambda: semantics.MAX_CHANNELS[1]),
-    ("players.md", r"holds (\d+) clips with the values", lambda: len([*CLIPS.glob("*.hfxclip")])),
+    (
+        "players/testing.md",
+        r"holds (\d+) clips with the values",
+        lambda: len([*CLIPS.glob("*.hfxclip")]),
+    ),
     ("formats/index.md", r"at a time \| (\d+) GiB", lambda: limits.MEMORY.default / 2**30),
     (
         "device-configuration.md",

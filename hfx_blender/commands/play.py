@@ -77,7 +77,7 @@ def add_parser(commands: Any) -> None:
         const=0,
         metavar="PORT",
         help="play values that a game on this computer sends, instead of the clip, until Ctrl-C "
-        "(docs/players.md)",
+        "(docs/players/devices.md)",
     )
     add_json(parser, run)
 

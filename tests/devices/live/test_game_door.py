@@ -55,7 +55,7 @@ def game() -> Iterator[Game]:
 
 
 def datagram(number: int, strength: float, token: bytes = TOKEN, count: int = COLUMNS) -> bytes:
-    """Return a datagram laid out by hand after docs/players.md."""
+    """Return a datagram laid out by hand after docs/players/devices.md."""
     device = BAND.encode()
     head = b"HFX1" + token + struct.pack("<IB", number, len(device)) + device
     return head + struct.pack(f"<{count}f", *([strength] * count))
