@@ -77,6 +77,9 @@ def set_up_rendering(scene: bpy.types.Scene) -> None:
     scene.render.resolution_x, scene.render.resolution_y = SIZE
     scene.render.resolution_percentage = 100
     scene.render.image_settings.file_format = "PNG"
+    for name in dir(scene.render):  # no file name, date and time in the pictures
+        if name.startswith("use_stamp_"):
+            setattr(scene.render, name, False)
 
 
 def _render(scene: bpy.types.Scene) -> None:

@@ -21,8 +21,20 @@ def build_and_open(build: Callable[[], object], path: Path) -> None:
     import bpy
 
     build()
+    _forget_folders()
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
     except RuntimeError as error:
         raise OutputError(f"{path}: Blender cannot save it ({str(error).strip()}).") from error
     blender_session.open_blend(path)
+
+
+def _forget_folders() -> None:
+    """Clear the folders of file browsers: Blender sets the home folder of the user."""
+    import bpy
+
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            for space in area.spaces:
+                if space.type == "FILE_BROWSER" and space.params is not None:
+                    space.params.directory = b"//"

@@ -26,6 +26,7 @@ from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.scene_export import ExportSettings, export_scene
+from hfx_blender.processes import blender_session
 from hfx_tools.demo import avatar_pictures
 from hfx_tools.demo.garage import DEVICES, TASKS, Task
 
@@ -251,6 +252,15 @@ def test_without_pictures_the_rest_is_there(
     assert "felt.png" not in out and (tmp_path / "garage.hfxtrack").exists()
 
 
+def test_the_saved_scene_does_not_name_the_users_folder(
+    demo: Any, folder: Path, registered: Any
+) -> None:
+    blender_session.open_blend(folder / "garage.blend")
+    spaces = [s for screen in bpy.data.screens for area in screen.areas for s in area.spaces]
+    browsers = [s.params for s in spaces if s.type == "FILE_BROWSER" and s.params is not None]
+    assert {browser.directory for browser in browsers} == {b"//"}
+
+
 # The pictures' parts
 
 
@@ -293,6 +303,8 @@ def test_what_is_felt_colours_the_picture(
     assert green > 2 * red and not np.allclose(shown["felt"][chest], shown["calm"][chest])
     calm_picture, felt_picture = (_pixels(tmp_path / f"{n}.png") for n in ("calm", "felt"))
     assert calm_picture.shape == (40, 32, 3)
+    content = (tmp_path / "felt.png").read_bytes()
+    assert b"tEXtFile" not in content and b"tEXtDate" not in content, "no place and time"
     greener = _greenness(felt_picture) - _greenness(calm_picture)
     assert np.count_nonzero(greener > 0.05) >= 10  # area of the torso in pixels
 
