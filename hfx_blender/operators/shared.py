@@ -137,6 +137,22 @@ class OnBodyOperator(HfxOperator):
     )
 
 
+class MenuOperator(HfxOperator):
+    """Base of operators whose ``bl_property``, an enum, is chosen in a menu."""
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Run with a choice; without one, as from *Menu Search*, show the choices as a menu."""
+        name, kind = self.bl_property, type(self)
+        if self.properties.is_property_set(name):
+            return self.execute(context)
+
+        def draw(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
+            menu.layout.operator_enum(kind.bl_idname, name)
+
+        context.window_manager.popup_menu(draw, title=kind.bl_label)
+        return {"CANCELLED"}
+
+
 class FileOperator(HfxOperator):
     """Base of operators with a file selector."""
 

@@ -38,7 +38,7 @@ class HFX_MT_add(bpy.types.Menu):
         layout.separator()
         draw_paint_menu(layout, "Painted Effect")
         add("hfx.add_spot", "Point on the Skin", "CURVE_PATH")
-        layout.operator("hfx.add_vector_sensation", icon="GRAPH")
+        layout.operator_menu_enum("hfx.add_vector_sensation", "device", icon="GRAPH")
         layout.separator()
         layout.operator_menu_enum(
             "hfx.add_from_library", "name", text="Sensation", icon="ASSET_MANAGER"

@@ -8,8 +8,8 @@ import math
 import threading
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -133,7 +133,7 @@ class Server:
         self.socket = WebSocket(host, port, "/", self._on_text, self._on_tick)
         name = self.socket.name
         try:
-            self._request(
+            self.request(
                 "RequestServerInfo",
                 ClientName="HFX",
                 ProtocolVersionMajor=4,
@@ -148,7 +148,7 @@ class Server:
                     "of the protocol; expected is version 4. Update the server."
                 )
             self._ping_s = _seconds(info.get("MaxPingTime"))
-            self._request("RequestDeviceList")
+            self.request("RequestDeviceList")
             self._answer(lambda: self.devices, f"{name} sent no list of devices.")
         except BaseException:  # answers of a server may raise any error
             self.socket.close()
@@ -160,7 +160,7 @@ class Server:
             number = self._id = self._id % 0xFFFFFFFF + 1
         return {kind: {"Id": number, **content}}
 
-    def _request(self, kind: str, **content: Any) -> None:
+    def request(self, kind: str, **content: Any) -> None:
         self.socket.send(json.dumps([self.message(kind, **content)]))
 
     def await_stop(self, number: int) -> None:
@@ -226,7 +226,7 @@ class Server:
         now = time.monotonic()
         if self._ping_s > 0.0 and now > self._pinged_s + 0.3 * self._ping_s:
             self._pinged_s = now
-            self._request("Ping")
+            self.request("Ping")
 
 
 def _shared(host: str, port: int) -> Server:
@@ -267,6 +267,28 @@ def devices_at(host: str, port: int) -> list[ServedDevice]:
     try:
         return server.devices or []
     finally:
+        _leave(server)
+
+
+@contextmanager
+def scanning(host: str, port: int) -> Iterator[Callable[[], list[ServedDevice]]]:
+    """Let the Buttplug server at an address scan for devices, for the time of the block.
+
+    The result is a function for the devices that the server has by now; it raises OutputLostError
+    if the server is lost. OutputLostError as for :func:`devices_at`.
+    """
+    server = _shared(host, port)
+
+    def devices() -> list[ServedDevice]:
+        server.check()
+        return server.devices or []
+
+    try:
+        server.request("StartScanning")
+        yield devices
+    finally:
+        with suppress(OutputLostError):
+            server.request("StopScanning")
         _leave(server)
 
 

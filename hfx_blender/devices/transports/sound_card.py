@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -301,6 +302,28 @@ class SoundCard:
         release(self._reserved)
         if not self._is_closed:
             self._lost = "it was unplugged, or another program took it"
+
+
+@dataclass(frozen=True)
+class Card:
+    """Output of PortAudio's list."""
+
+    name: str  # with the name of the sound system, as PortAudio accepts
+    channels: int
+    is_default: bool
+
+
+def cards() -> list[Card]:
+    """Sound cards with output, as PortAudio listed them at the first call in this process.
+    OutputLostError with instructions if a library is missing."""
+    library = _library()
+    systems = library.query_hostapis()
+    default = library.default.device[1]
+    return [
+        Card(f"{facts['name']}, {systems[facts['hostapi']]['name']}", channels, k == default)
+        for k, facts in enumerate(library.query_devices())
+        if (channels := facts["max_output_channels"]) > 0
+    ]
 
 
 def _library() -> Any:

@@ -60,8 +60,8 @@ PARTS_BY_NAME: Final = (
     Region("fingers", "Fingers", HANDS),
     Region("upper_leg", "Thighs", LEGS),
     Region("lower_leg", "Lower Legs", LEGS),
-    Region("foot_dorsum", "Feet (Upper Side)", LEGS),
-    Region("foot_sole", "Feet (Under Side)", LEGS),
+    Region("foot_dorsum", "Tops of the Feet with Toes", LEGS),
+    Region("foot_sole", "Soles with Toes", LEGS),
 )
 """Whole body parts, with the ids of ``PARTS``."""
 

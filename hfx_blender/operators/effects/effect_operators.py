@@ -16,13 +16,13 @@ from ...errors import InputError
 from ...export import response_baking
 from ...files import resources
 from ...properties.objects import SHAPES
+from ..live.connect_operators import device_items
 from ..shared import (
     ON_MESH,
-    EnumItems,
     HfxOperator,
+    MenuOperator,
     OnBodyOperator,
     active_effect,
-    kept_items,
     select_only,
     target_body,
 )
@@ -175,20 +175,13 @@ class HFX_OT_make_editable(HfxOperator):
         active_effect(context).override_library.is_system_override = False
 
 
-@kept_items
-def _devices() -> EnumItems:
-    from ...devices.configuration import list_devices
-
-    return [(name, name, "") for name in list_devices(resources.user_devices())]
-
-
 _MODALITIES = (
     ("FIRST", "Its First", "Of the device's first actuator"),
     *((modality.name, modality.title, modality.devices) for modality in MODALITIES.values()),
 )
 
 
-class HFX_OT_add_vector_sensation(OnBodyOperator):
+class HFX_OT_add_vector_sensation(MenuOperator, OnBodyOperator):
     """Add an effect with a curve for each actuator of one device. Other devices ignore the
     effect"""
 
@@ -196,7 +189,7 @@ class HFX_OT_add_vector_sensation(OnBodyOperator):
     bl_property = "device"
 
     device: EnumProperty(
-        name="Device", description="Device whose actuators are driven", items=_devices
+        name="Device", description="Device whose actuators are driven", items=device_items
     )
     modality: EnumProperty(
         name="Actuators",
@@ -206,10 +199,6 @@ class HFX_OT_add_vector_sensation(OnBodyOperator):
     name: StringProperty(
         name="Name", description="Name in the Outliner; empty: the name of the device"
     )
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        context.window_manager.invoke_search_popup(self)
-        return {"RUNNING_MODAL"}
 
     def work(self, context: bpy.types.Context) -> str:
         from ...devices.configuration import load_device

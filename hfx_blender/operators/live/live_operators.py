@@ -1,97 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators of live devices: add, connect, play, stop, approve scripts."""
+"""Operators of live devices: import, remove, play, stop, approve scripts, delay."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy.props import FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ...devices.live import live_settings
 from ...errors import InputError
 from ...files import resources
 from ...playback.live.live import live
-from ...text import printable
-from ..shared import EnumItems, HfxOperator, KeyBindings, kept_items
+from ..shared import HfxOperator, KeyBindings
+from .connect_operators import LiveOperator, OfDevice, settings_of, title_of
 
 if TYPE_CHECKING:
     from ...devices.live.approval import DeviceScript
-    from ...devices.live.discovery import Found
-
-KINDS = (
-    (
-        "SIMULATOR",
-        "Simulator",
-        "No hardware: shows bars in this panel, and writes a log if you choose a file",
-    ),
-    ("DEVICE", "Device", "The real device, as configured"),
-    (
-        "AUDIO",
-        "Sound Card",
-        "One channel for each vibration actuator, starting at the first channel",
-    ),
-    ("CSV", "Log", "Writes every value into a CSV file"),
-)
-
-
-class _LiveOperator(HfxOperator):
-    bl_options = {"REGISTER"}  # device actions have no undo
-
-
-class _OfDevice(_LiveOperator):
-    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
-
-
-def _settings_of(name: str) -> live_settings.LiveSettings:
-    """Stored connection settings of a device; defaults for a device without any."""
-    return live_settings.load().get(name, live_settings.LiveSettings())
-
-
-def title_of(name: str) -> str:
-    """Title of a device in the panel, from its configuration."""
-    from ...devices.configurations.device_facts import facts_of
-
-    return facts_of(name).title
-
-
-@kept_items
-def _known() -> EnumItems:
-    from ...devices.configuration import list_devices
-    from ...devices.configurations.device_facts import ROOM, facts_of
-    from ...engine.body.parts import GROUPS
-
-    all_facts = [facts_of(name) for name in list_devices(resources.user_devices())]
-    items: EnumItems = []
-    for group in (*GROUPS, ROOM, ""):  # columns, by where devices are worn
-        part = [facts for facts in all_facts if facts.group == group]
-        items += [("", group or "Other", "")] if part else []
-        items += [(facts.id, facts.label, facts.fault or facts.summary) for facts in part]
-    return items
-
-
-class HFX_OT_live_add(HfxOperator):
-    """Add a device to this scene, by name"""
-
-    bl_label = "Add Device"
-    bl_property = "name"
-
-    name: EnumProperty(name="Device", items=_known)
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        context.window_manager.invoke_search_popup(self)
-        return {"RUNNING_MODAL"}
-
-    def work(self, context: bpy.types.Context) -> str:
-        devices = context.scene.hfx.devices
-        if self.name in devices:
-            raise InputError(f"Device '{title_of(self.name)}' is in this scene already.")
-        item = devices.add()
-        item.name, item.is_expanded = self.name, True
-        return f"{title_of(self.name)} added"
 
 
 class HFX_OT_live_import(HfxOperator, ImportHelper):
@@ -130,72 +58,7 @@ class HFX_OT_live_remove(HfxOperator):
         return f"{title_of(self.name)} removed"
 
 
-class HFX_OT_live_connect(_OfDevice):
-    """Connect a device and play the effects"""
-
-    bl_label = "Connect"
-
-    kind: EnumProperty(
-        name="Connect To", description="The device itself, or a substitute", items=KINDS
-    )
-    port: StringProperty(
-        name="Port",
-        description="Serial port, network port, or part of a sound card's name; "
-        "empty: found or as configured",
-    )
-    host: StringProperty(
-        name="Host", description="Host on this computer or network; empty: as configured"
-    )
-    unit: StringProperty(
-        name="Which One",
-        description="Which of several devices of one server: its name there, or # and its number; "
-        "empty: the first that no other device has",
-    )
-    path: StringProperty(name="Log", description="File to write", subtype="FILE_PATH")
-    offset_ms: FloatProperty(
-        name="Offset (ms)",
-        description="Delay of the values, to be in time with sound and picture",
-        default=0.0,
-        min=0.0,
-        max=live_settings.MAX_OFFSET_MS,
-    )
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        for field, value in asdict(_settings_of(self.name)).items():
-            setattr(self, field, value)
-        return context.window_manager.invoke_props_dialog(self)
-
-    def draw(self, _context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
-        layout.prop(self, "kind")
-        if self.kind == "AUDIO":
-            layout.prop(self, "port", text="Sound Card")
-        elif self.kind == "DEVICE":
-            layout.prop(self, "port")
-            layout.prop(self, "host")
-            layout.prop(self, "unit")
-        else:
-            layout.prop(self, "path")
-        layout.prop(self, "offset_ms")
-
-    def work(self, _context: bpy.types.Context) -> str:
-        from ...devices.live.discovery import serial_number_of, serial_ports
-
-        known = _settings_of(self.name)
-        unit = self.unit
-        if self.port != known.port and unit == known.unit:  # the port was changed
-            unit = serial_number_of(self.port, serial_ports())
-        settings = live_settings.LiveSettings(
-            self.kind, self.port, self.host, self.path, self.offset_ms, unit
-        )
-        live.connect(self.name, settings)
-        # After connecting: settings that raise an error are not kept.
-        live_settings.store(self.name, settings)
-        return ""
-
-
-class HFX_OT_live_disconnect(_OfDevice):
+class HFX_OT_live_disconnect(OfDevice):
     """Silence a device and close the port"""
 
     bl_label = "Disconnect"
@@ -205,7 +68,7 @@ class HFX_OT_live_disconnect(_OfDevice):
         return f"{title_of(self.name)} disconnected"
 
 
-class HFX_OT_live_play(_LiveOperator):
+class HFX_OT_live_play(LiveOperator):
     """Resume the output to connected devices after a stop, from silence"""
 
     bl_label = "Play"
@@ -229,7 +92,7 @@ class HFX_OT_live_stop_all(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HFX_OT_live_pulse(_OfDevice):
+class HFX_OT_live_pulse(OfDevice):
     """Play a short, weak pulse on one actuator"""
 
     bl_label = "Test Pulse"
@@ -246,7 +109,7 @@ class HFX_OT_live_pulse(_OfDevice):
         return ""
 
 
-class HFX_OT_live_approve(_OfDevice):
+class HFX_OT_live_approve(OfDevice):
     """Approve the current script of a device"""
 
     bl_label = "Approve Device Script"
@@ -293,7 +156,7 @@ class HFX_OT_live_approve(_OfDevice):
         return f"{script.path.name} approved"
 
 
-class HFX_OT_live_revoke(_OfDevice):
+class HFX_OT_live_revoke(OfDevice):
     """Revoke the approval of a device's script, and stop it if running"""
 
     bl_label = "Withdraw Approval"
@@ -320,73 +183,7 @@ class HFX_OT_live_revoke(_OfDevice):
         return f"{title_of(self.name)}: approval withdrawn"
 
 
-class DeviceSearch:
-    """Result of the last search for devices."""
-
-    def __init__(self) -> None:
-        self.found: list[Found] = []
-        self.items: EnumItems = []  # of `found`; Blender needs these strings kept alive
-
-    def run(self) -> list[str]:
-        """Search for devices, for some tenths of a second; replace :attr:`found` and :attr:`items`;
-        returns the names of all serial ports. Faulty configurations are left out."""
-        from ...devices.live.discovery import found_at
-
-        # Adding a device reports errors of its configuration.
-        ports, self.found, _ = found_at(resources.user_devices())
-        self.items = [
-            (
-                str(k),
-                f"{title_of(device.device)}  {device.port or device.unit}".rstrip(),
-                device.description,
-            )
-            for k, device in enumerate(self.found)
-        ]
-        return ports
-
-
-search = DeviceSearch()
-
-
-# A function of the module: Blender evaluates annotations without this module's names in lambdas.
-def _choices(_self: object, _context: object) -> EnumItems:
-    return search.items
-
-
-class HFX_OT_live_find(_LiveOperator):
-    """Search for devices: serial ports by USB id, programs on this computer and in the network"""
-
-    bl_label = "Find Devices"
-    bl_property = "which"
-
-    which: EnumProperty(name="Device", description="Device to add", items=_choices)
-
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        ports = search.run()
-        if not search.found:
-            there = ", ".join(ports) or "none"
-            self.report(
-                {"WARNING"}, printable(f"No known device was found. Serial ports: {there}.")
-            )
-            return {"CANCELLED"}
-        context.window_manager.invoke_search_popup(self)
-        return {"RUNNING_MODAL"}
-
-    def work(self, context: bpy.types.Context) -> str:
-        if not self.which.isdecimal() or int(self.which) >= len(search.found):
-            raise InputError("Press Find Devices first, and choose one.")
-        device = search.found[int(self.which)]
-        settings = replace(
-            _settings_of(device.device), kind="DEVICE", port=device.port, unit=device.unit
-        )
-        if device.device not in context.scene.hfx.devices:
-            context.scene.hfx.devices.add().name = device.device
-        live.connect(device.device, settings)
-        live_settings.store(device.device, settings)
-        return f"{title_of(device.device)}: {device.description}"
-
-
-class HFX_OT_live_offset(_OfDevice):
+class HFX_OT_live_offset(OfDevice):
     """Delay the values of a device to match sound and picture; the delay is saved"""
 
     bl_label = "Offset"
@@ -409,13 +206,13 @@ class HFX_OT_live_offset(_OfDevice):
 
     def cancel(self, _context: bpy.types.Context) -> None:
         # Dragging has changed the offset already: back to the stored value.
-        live.set_offset(self.name, _settings_of(self.name).offset_ms)
+        live.set_offset(self.name, settings_of(self.name).offset_ms)
 
     def work(self, _context: bpy.types.Context) -> str:
         if live.state(self.name) is None:
             raise InputError(f"Device '{title_of(self.name)}' is not connected.")
         live.set_offset(self.name, self.offset_ms)
-        settings = replace(_settings_of(self.name), offset_ms=self.offset_ms)
+        settings = replace(settings_of(self.name), offset_ms=self.offset_ms)
         live_settings.store(self.name, settings)
         return f"{title_of(self.name)} is delayed by {self.offset_ms:g} ms"
 

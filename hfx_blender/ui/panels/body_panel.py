@@ -10,6 +10,7 @@ import bpy
 
 from ...authoring.effects import effects
 from ...avatars import avatar_meshes
+from ...engine.body.parts import PARTS_BY_NAME
 from ...errors import InputError
 from ...operators.shared import active_armature
 from ..sidebar import HfxPanel, draw_text, filtered
@@ -166,8 +167,10 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         layout.label(text=body.name, icon="ARMATURE_DATA")
         for mesh in avatar_meshes.meshes_of(body):
             layout.label(text=mesh.name, icon="MESH_DATA")
-        layout.row().prop(body.hfx, "follow", expand=True)
-        layout.row().prop(body.hfx, "felt_layer", expand=True)
+        column = layout.column()
+        column.use_property_split = True
+        column.prop(body.hfx, "follow")
+        column.prop(body.hfx, "felt_layer")
         draw_text(context, layout, how_followed(body), "INFO")
         if stored_fits.is_fitted(body):
             layout.operator("hfx.fit_body", icon="FILE_REFRESH")
@@ -247,6 +250,7 @@ class HFX_PT_fit(HfxPanel, bpy.types.Panel):
         layout = self.layout
         body = active_armature(context)
         qualities = stored_fits.quality_of(body)
+        labels = {region.id: region.label for region in PARTS_BY_NAME}
         table = layout.column(align=True)
         _draw_row(table, "Part", "NONE", ("mm off", "placed", "area"))
         for part in stored_fits.worst_first(qualities):
@@ -256,7 +260,7 @@ class HFX_PT_fit(HfxPanel, bpy.types.Panel):
                 f"{part.area_ratio:.2f}",
             )
             icon = "ERROR" if part.faults else "CHECKMARK"
-            _draw_row(table, part.part.replace("_", " ").title(), icon, values)
+            _draw_row(table, labels.get(part.part, part.part), icon, values)
         sides = min((quality.sides for quality in qualities), default=1.0)
         forward = min((quality.feet_forward for quality in qualities), default=1.0)
         sentence = f"On its own side: {100 * sides:.0f} %; feet forward: {100 * forward:.0f} %"

@@ -82,6 +82,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
         hfx = context.scene.hfx
         if hfx.devices:
             column = layout.column(align=True)
+            column.label(text="Devices Play")
             column.row(align=True).prop(hfx, "live_source", expand=True)
             if hfx.live_source == "TRACK":
                 column.prop(hfx, "live_track", text="")
@@ -168,6 +169,7 @@ def _draw_facts(
         draw_text(context, column, facts.fault, "ERROR")
     if facts.device is not None:
         column.separator()
+        column.label(text="Rendering")
         column.prop(item, "scheme", text="")
         name = facts.device.scheme.name if item.scheme == "CONFIGURED" else item.scheme
         tip = next(tip for scheme, _, tip in SCHEMES if scheme == name)

@@ -629,3 +629,16 @@ def test_a_place_in_quad_view_is_of_the_view_that_shows_it(x: int, y: int, view:
         regions.append(SimpleNamespace(type="WINDOW", data=name, **position))
 
     assert framing.region_at(SimpleNamespace(regions=regions), x, y).data == view
+
+
+@pytest.mark.parametrize(
+    ("operator", "choice"),
+    [("live_add", {"name": "insoles"}), ("add_vector_sensation", {"device": "insoles"})],
+)
+def test_a_choice_of_a_menu_is_the_only_question(
+    scene: Any, operator: str, choice: dict[str, str]
+) -> None:
+    bpy.ops.hfx.add_avatar()
+    count = len(scene.hfx.devices) + len(scene.objects)
+    assert getattr(bpy.ops.hfx, operator)("INVOKE_DEFAULT", **choice) == {"FINISHED"}
+    assert len(scene.hfx.devices) + len(scene.objects) == count + 1

@@ -29,7 +29,7 @@ from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import DeviceError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.files import resources
-from hfx_blender.operators.live import live_operators
+from hfx_blender.operators.live import connect_operators
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live as live_module
 from hfx_blender.playback.live import live_handlers
@@ -454,12 +454,12 @@ def test_a_device_that_was_found_is_added_and_connected_there(
     assert brand is not None
     port = FoundPort("/dev/ttyACM7", "Uno", brand.usb[0])
     monkeypatch.setattr(
-        live_operators, "search", live_operators.DeviceSearch()
+        connect_operators, "search", connect_operators.DeviceSearch()
     )  # only for this test
     monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
     monkeypatch.setattr(discovery, "answers", lambda host, port: False)
-    assert live_operators.search.run() == [port.name]
-    names = [entry.device for entry in live_operators.search.found]
+    assert connect_operators.search.run() == [port.name]
+    names = [entry.device for entry in connect_operators.search.found]
     assert board in names
     assert bpy.ops.hfx.live_find(which=str(names.index(board))) == {"FINISHED"}
     assert board in bpy.context.scene.hfx.devices

@@ -181,7 +181,7 @@ def test_the_quality_of_the_fit_is_kept_and_shown(anna: tuple[Any, Any]) -> None
     assert [quality.model_id for quality in qualities] == stored_fits.model_ids()
     assert all(len(quality.parts) == 11 and quality.sides > 0.95 for quality in qualities)
     shown = drawn(body_panel.HFX_PT_fit)
-    assert {"Head", "Torso", "Foot Sole"} <= set(shown)
+    assert {"Head", "Trunk", "Soles with Toes"} <= set(shown)
     assert any(text.startswith("On its own side: ") for text in shown)
     # Warnings of the fit stay readable later.
     text = " ".join(shown)

@@ -18,6 +18,8 @@ from websockets.sync.server import serve as serve_sync
 
 from hfx_blender.devices.host.opening import open_output
 from hfx_blender.devices.host.output import OutputLostError
+from hfx_blender.devices.live import connection_search
+from hfx_blender.devices.live.live_settings import LiveSettings
 from hfx_blender.devices.transports import buttplug, websocket
 from hfx_blender.devices.transports.websocket import WebSocket
 from hfx_blender.engine.rendering.device_config import (
@@ -314,6 +316,27 @@ def levels(server):
         item["DeviceIndex"]: item["Command"]["Vibrate"]["Value"]
         for item in received_of_kind(server, "OutputCmd")
     }
+
+
+def test_a_server_scans_for_toys_until_the_search_ends(serve, monkeypatch):
+    answers = intiface(devices={})
+
+    def scanning(messages):
+        yield from answers(messages)
+        if "StartScanning" in str(messages):  # a toy is switched on
+            yield [{"DeviceList": {"Id": 0, "Devices": lushes("left")}}]
+
+    server = serve(scanning)
+    monkeypatch.setattr(connection_search, "_REPEAT_S", 0.05)
+    output = OutputConfig(ButtplugEncoder("Lush", ((0, "Vibrate"),)), WebsocketTransport("x", 1))
+    address = LiveSettings("DEVICE", host="127.0.0.1", port=str(server.port))
+    search = connection_search.ConnectionSearch(device(vibration(), output=output), address)
+    toys = (("Lush (left)", ""),)
+    server.wait(lambda: search.newest is not None and search.newest.units == toys)
+    assert search.newest.hint == ""
+    search.end()
+    server.wait(lambda: received_of_kind(server, "StopScanning"))
+    assert len(received_of_kind(server, "StartScanning")) == 1
 
 
 def test_two_devices_of_one_name_are_each_driven_by_one_of_ours(serve):

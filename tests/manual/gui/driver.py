@@ -188,6 +188,11 @@ class Driver:
         actual = yield from self._painted("wcol_menu", region)
         return actual
 
+    def radios(self) -> Iterator[float]:
+        """Centres of the expanded menus' choices in the whole window, like :meth:`op_buttons`."""
+        actual = yield from self._painted("wcol_radio", None)
+        return actual
+
     def toggles(self, region: bpy.types.Region) -> Iterator[float]:
         """Centres of a region's switches, like :meth:`op_buttons`."""
         actual = yield from self._painted("wcol_toggle", region)

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Search for the connections of a device before it is connected: ports, toys, sound cards."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from ...engine.rendering.device_config import (
+    BhapticsEncoder,
+    ButtplugEncoder,
+    DeviceConfig,
+    SerialTransport,
+)
+from ...errors import DeviceError
+from ..host.opening import kind_of
+from ..host.output import OutputLostError
+from .discovery import FoundPort, answers, port_of, serial_ports
+from .live_settings import LiveSettings
+
+_REPEAT_S: Final = 1.0
+_LONGEST_S: Final = 300.0  # an abandoned search ends
+
+NO_OUTPUT: Final = "No output in the configuration: use the sound card or the log, or export files"
+NO_VIBRATION: Final = "A sound card plays vibration only; the device has none"
+
+
+Choices = tuple[tuple[str, str], ...]
+"""Value of a setting, and description."""
+
+
+@dataclass(frozen=True)
+class Connections:
+    """Connections that are present now."""
+
+    ports: Choices = ()  # serial ports, or sound cards
+    units: Choices = ()  # devices of a server
+    hint: str = ""  # what is missing, and the cure; "": nothing
+
+
+def why_not(device: DeviceConfig, kind: str) -> str:
+    """Reason why a device cannot have settings of a kind; "" if the device can."""
+    if kind == "DEVICE" and device.output is None:
+        return NO_OUTPUT
+    return NO_VIBRATION if kind == "AUDIO" and "vibration" not in device.modalities else ""
+
+
+def searched(device: DeviceConfig, settings: LiveSettings) -> Iterator[Connections]:
+    """Search without end: each step gives the connections that are present now.
+
+    A step takes at most some tenths of a second; of a Buttplug server, 3 s. The server scans for
+    devices until the iterator is closed.
+    """
+    kind = settings.kind if settings.kind != "DEVICE" else kind_of(device)
+    if kind == "websocket":
+        yield from _served(device, settings)
+    while True:
+        if kind == "serial":
+            yield _serial(device, settings.port, serial_ports())
+        elif kind == "AUDIO":
+            yield _cards(device, settings.port)
+        else:
+            is_without_file = kind == "CSV" and not settings.path
+            yield Connections(hint="Choose a file for the log" if is_without_file else "")
+
+
+def _serial(device: DeviceConfig, name: str, ports: list[FoundPort]) -> Connections:
+    """Serial ports, those with USB ids first; the hint is on ``name``, or on the port by USB
+    ids."""
+    ports = sorted(ports, key=lambda port: port.usb is None)
+    choices = tuple((port.name, port.description) for port in ports)
+    if find_spec("serial") is None:
+        hint = "The Python package pyserial is missing: install the extension's zip again"
+        return Connections(hint=hint)
+    if not name:
+        try:
+            name = port_of(device, ports)
+        except DeviceError as error:
+            hint = "Connect the device by USB and switch it on, or choose a port."
+            return Connections(choices, hint=f"{error} {hint}")
+    if not os.path.exists(name) and name not in [port.name for port in ports]:
+        return Connections(choices, hint=f"{name} is missing: connect the device, or choose a port")
+    if os.name == "posix" and not os.access(name, os.R_OK | os.W_OK):
+        group = "dialout"
+        with suppress(OSError, KeyError):  # unplugged now; a group without a name
+            group = Path(name).group()
+        cure = f"add your user to the group '{group}', then log in again"
+        return Connections(choices, hint=f"No permission for {name}: {cure}")
+    return Connections(choices)
+
+
+def _served(device: DeviceConfig, settings: LiveSettings) -> Iterator[Connections]:
+    """Devices of a Buttplug server that fit; for other programs, the hint if none answers."""
+    from ..transports.buttplug import scanning
+
+    assert device.output is not None
+    how, transport = device.output.encoder, device.output.transport
+    assert not isinstance(transport, SerialTransport)
+    host, port = settings.host or transport.host, settings.port or str(transport.port)
+    if not port.isdecimal():
+        while True:
+            yield Connections(hint=f"'{port}' is no network port: allowed is 1 to 65535")
+    program = "the bHaptics Player" if isinstance(how, BhapticsEncoder) else "your program"
+    if isinstance(how, ButtplugEncoder):
+        program = "Intiface Central, and its server"
+    while True:
+        if not answers(host, int(port)):
+            yield Connections(hint=f"No program answers at {host}:{port}: start {program}")
+        elif not isinstance(how, ButtplugEncoder):
+            yield Connections()
+        else:
+            try:
+                with scanning(host, int(port)) as served:
+                    while True:
+                        devices = served()
+                        fitting = tuple((x.label, "") for x in devices if x.fits(how))
+                        names = ", ".join(x.names for x in devices) or "none"
+                        hint = f"No device of the server fits; devices: {names}. Switch yours on"
+                        yield Connections(units=fitting, hint="" if fitting else hint)
+            except OutputLostError as error:
+                yield Connections(hint=str(error))
+
+
+def _cards(device: DeviceConfig, name: str) -> Connections:
+    """Sound cards with their channels; the hint is on the card ``name``, "" for the default."""
+    from ..transports.sound_card import cards
+
+    try:
+        present = cards()
+    except OutputLostError as error:
+        return Connections(hint=str(error))
+    needed = sum(actuator.type.modality == "vibration" for actuator in device.actuators)
+    choices = tuple((card.name, f"{card.channels} channels") for card in present)
+    if not present:
+        return Connections(hint="No sound card: connect one, and restart Blender")
+    matching = [
+        card for card in present if (name.lower() in card.name.lower() if name else card.is_default)
+    ]
+    if name and not matching and not name.isdecimal():
+        return Connections(choices, hint=f"No sound card is named '{name}': choose one of the list")
+    if matching and max(card.channels for card in matching) < needed:
+        few = matching[0]
+        hint = f"{few.name} has {few.channels} channels; the device needs {needed}"
+        return Connections(choices, hint=hint)
+    return Connections(choices)
+
+
+class ConnectionSearch:
+    """Search in a thread, repeated each second until the end."""
+
+    def __init__(self, device: DeviceConfig, settings: LiveSettings) -> None:
+        self.newest: Connections | None = None  # None before the first result
+        self._is_over = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(device, settings), daemon=True)
+        self._thread.start()
+
+    def _run(self, device: DeviceConfig, settings: LiveSettings) -> None:
+        search = searched(device, settings)
+        for _ in range(round(_LONGEST_S / _REPEAT_S)):
+            self.newest = next(search)
+            if self._is_over.wait(_REPEAT_S):
+                break
+        search.close()  # type: ignore[attr-defined]
+
+    def end(self) -> None:
+        """End the search, with its connection to a server; waits for 4 s at most."""
+        self._is_over.set()
+        self._thread.join(4.0)

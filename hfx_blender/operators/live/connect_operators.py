@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators that add a device to the scene, find devices, and connect a device."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, StringProperty
+
+from ...devices.live import live_settings
+from ...engine.body.parts import ARMS, HANDS, HEAD, LEGS
+from ...errors import InputError
+from ...files import resources
+from ...playback.live.live import live
+from ...text import printable
+from ..shared import EnumItems, HfxOperator, MenuOperator, draw_wrapped, kept_items
+
+if TYPE_CHECKING:
+    from ...devices.live.connection_search import Choices, Connections, ConnectionSearch
+    from ...devices.live.discovery import Found
+    from ...engine.rendering.device_config import OutputConfig
+
+KINDS = (
+    (
+        "SIMULATOR",
+        "Simulator",
+        "No hardware: shows bars in this panel, and writes a log if you choose a file",
+    ),
+    ("DEVICE", "Device", "The real device, as configured"),
+    (
+        "AUDIO",
+        "Sound Card",
+        "One channel for each vibration actuator, starting at the first channel",
+    ),
+    ("CSV", "Log", "Writes every value into a CSV file"),
+)
+_WIDTH, _LETTERS = 420, 62  # of the dialog, pixels; of its lines
+
+
+class LiveOperator(HfxOperator):
+    bl_options = {"REGISTER"}  # device actions have no undo
+
+
+class OfDevice(LiveOperator):
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+
+def settings_of(name: str) -> live_settings.LiveSettings:
+    """Stored connection settings of a device; defaults for a device without any."""
+    return live_settings.load().get(name, live_settings.LiveSettings())
+
+
+def title_of(name: str) -> str:
+    """Title of a device in the panel, from its configuration."""
+    from ...devices.configurations.device_facts import facts_of
+
+    return facts_of(name).title
+
+
+@kept_items
+def device_items() -> EnumItems:
+    """Devices of the user and shipped devices, in three columns by the places where they are
+    worn."""
+    from ...devices.configuration import list_devices
+    from ...devices.configurations.device_facts import ROOM, facts_of
+
+    all_facts = [facts_of(name) for name in list_devices(resources.user_devices())]
+    items: EnumItems = []
+    # More columns would be cut off in a small window.
+    for title, groups in (
+        (HEAD, (HEAD,)),
+        ("Arms and Hands", (ARMS, HANDS)),
+        ("Legs, Room and Other", (LEGS, ROOM, "")),
+    ):
+        column = [facts for group in groups for facts in all_facts if facts.group == group]
+        items += [("", title, "")] if column else []
+        items += [(facts.id, facts.label, facts.fault or facts.summary) for facts in column]
+    return items
+
+
+class HFX_OT_live_add(MenuOperator):
+    """Add a device to this scene, by name"""
+
+    bl_label = "Add Device"
+    bl_property = "name"
+
+    name: EnumProperty(name="Device", items=device_items)
+
+    def work(self, context: bpy.types.Context) -> str:
+        devices = context.scene.hfx.devices
+        if self.name in devices:
+            raise InputError(f"Device '{title_of(self.name)}' is in this scene already.")
+        item = devices.add()
+        item.name, item.is_expanded = self.name, True
+        return f"{title_of(self.name)} added"
+
+
+class DialogSearch:
+    """Search for connections while the dialog of *Connect* is open."""
+
+    def __init__(self) -> None:
+        self._search: ConnectionSearch | None = None  # None before the first dialog, and after it
+        self._key: tuple[str, live_settings.LiveSettings] | None = None
+
+    def update(self, name: str, settings: live_settings.LiveSettings) -> None:
+        """Search for a device with settings; a search with equal settings goes on."""
+        from ...devices.configurations.device_facts import facts_of
+        from ...devices.live.connection_search import ConnectionSearch
+
+        device = facts_of(name).device
+        if device is not None and self._key != (name, settings):
+            self.end()
+            self._search, self._key = ConnectionSearch(device, settings), (name, settings)
+
+    @property
+    def newest(self) -> Connections | None:
+        """Newest result; None without a result."""
+        return None if self._search is None else self._search.newest
+
+    def end(self) -> None:
+        """End the search; may be called again."""
+        if self._search is not None:
+            self._search.end()
+        self._search = self._key = None
+
+
+dialog_search = DialogSearch()
+
+
+# A function of the module: Blender evaluates annotations without this module's names in lambdas.
+def _ports(_self: object, _context: object, _text: str) -> Choices:
+    return () if dialog_search.newest is None else dialog_search.newest.ports
+
+
+def _units(_self: object, _context: object, _text: str) -> Choices:
+    return () if dialog_search.newest is None else dialog_search.newest.units
+
+
+class HFX_OT_live_connect(OfDevice):
+    """Connect a device and play the effects"""
+
+    bl_label = "Connect"
+
+    kind: EnumProperty(
+        name="Connect To", description="The device itself, or a substitute", items=KINDS
+    )
+    port: StringProperty(
+        name="Port",
+        description="Serial port, network port, or part of a sound card's name; "
+        "empty: found or as configured",
+        search=_ports,
+        search_options={"SUGGESTION"},
+    )
+    host: StringProperty(
+        name="Host", description="Host on this computer or network; empty: as configured"
+    )
+    unit: StringProperty(
+        name="Which One",
+        description="Which of several devices of one server: its name there, or # and its number; "
+        "empty: the first that no other device has",
+        search=_units,
+        search_options={"SUGGESTION"},
+    )
+    path: StringProperty(name="Log", description="File to write", subtype="FILE_PATH")
+    offset_ms: FloatProperty(
+        name="Offset (ms)",
+        description="Delay of the values, to be in time with sound and picture",
+        default=0.0,
+        min=0.0,
+        max=live_settings.MAX_OFFSET_MS,
+    )
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        from ...devices.configurations.device_facts import facts_of
+        from ...devices.live.connection_search import why_not
+
+        facts = facts_of(self.name)
+        if facts.device is None:
+            self.report({"ERROR"}, facts.fault)
+            return {"CANCELLED"}
+        for field, value in asdict(settings_of(self.name)).items():
+            setattr(self, field, value)
+        if why_not(facts.device, self.kind):
+            self.kind = "SIMULATOR"
+        self.check(context)
+        return context.window_manager.invoke_props_dialog(
+            self, width=_WIDTH, title=f"Connect '{facts.title}'", confirm_text="Connect"
+        )
+
+    def check(self, _context: bpy.types.Context) -> bool:
+        dialog_search.update(self.name, self._settings(self.unit))
+        return True
+
+    def cancel(self, _context: bpy.types.Context) -> None:
+        dialog_search.end()
+
+    def _settings(self, unit: str) -> live_settings.LiveSettings:
+        return live_settings.LiveSettings(
+            self.kind, self.port, self.host, self.path, self.offset_ms, unit
+        )
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        from ...devices.configurations.device_facts import facts_of
+        from ...devices.live.connection_search import why_not
+
+        layout, device = self.layout, facts_of(self.name).device
+        reasons = {kind: why_not(device, kind) for kind, _, _ in KINDS}
+        row = layout.row(align=True)
+        for kind, reason in reasons.items():
+            column = row.column(align=True)
+            column.enabled = not reason
+            column.prop_enum(self, "kind", kind)
+        for reason in filter(None, reasons.values()):
+            draw_wrapped(layout.column(align=True), reason, _LETTERS, "INFO")
+        layout.use_property_split = True
+        column = layout.column()
+        if self.kind == "AUDIO":
+            column.prop(self, "port", text="Sound Card", placeholder="Default")
+        elif self.kind == "DEVICE":
+            self._draw_connection(column, device.output)
+        else:
+            column.prop(self, "path")
+        column.prop(self, "offset_ms")
+        newest = dialog_search.newest
+        if newest is None:
+            layout.label(text="Searching...", icon="SORTTIME")
+        elif newest.hint:
+            draw_wrapped(layout.column(align=True), newest.hint, _LETTERS, "ERROR")
+        elif self.kind == "DEVICE":
+            layout.label(text="Ready to connect", icon="CHECKMARK")
+
+    def _draw_connection(self, column: bpy.types.UILayout, output: OutputConfig) -> None:
+        """Draw the fields of a serial port or network address, and of a server's devices."""
+        from ...engine.rendering.device_config import ButtplugEncoder, SerialTransport
+
+        if isinstance(output.transport, SerialTransport):
+            column.prop(self, "port", text="Serial Port", placeholder="Found by USB")
+        else:
+            column.prop(self, "host", placeholder=output.transport.host)
+            column.prop(self, "port", placeholder=str(output.transport.port))
+        if isinstance(output.encoder, ButtplugEncoder) or self.unit:
+            column.prop(self, "unit", placeholder="First free device")
+
+    def work(self, _context: bpy.types.Context) -> str:
+        from ...devices.live.discovery import serial_number_of, serial_ports
+
+        dialog_search.end()  # a server may accept one client only
+        known = settings_of(self.name)
+        unit = self.unit
+        if self.port != known.port and unit == known.unit:  # the port was changed
+            unit = serial_number_of(self.port, serial_ports())
+        settings = self._settings(unit)
+        live.connect(self.name, settings)
+        # After connecting: settings that raise an error are not kept.
+        live_settings.store(self.name, settings)
+        return ""
+
+
+class DeviceSearch:
+    """Result of the last search for devices."""
+
+    def __init__(self) -> None:
+        self.found: list[Found] = []
+        self.items: EnumItems = []  # of `found`; Blender needs these strings kept alive
+
+    def run(self) -> list[str]:
+        """Search for devices, for some tenths of a second; replace :attr:`found` and :attr:`items`;
+        returns the names of all serial ports. Faulty configurations are left out."""
+        from ...devices.live.discovery import found_at
+
+        # Adding a device reports errors of its configuration.
+        ports, self.found, _ = found_at(resources.user_devices())
+        self.items = [
+            (
+                str(k),
+                f"{title_of(device.device)}  {device.port or device.unit}".rstrip(),
+                device.description,
+            )
+            for k, device in enumerate(self.found)
+        ]
+        return ports
+
+
+search = DeviceSearch()
+
+
+def _found(_self: object, _context: object) -> EnumItems:
+    return search.items
+
+
+class HFX_OT_live_find(MenuOperator, LiveOperator):
+    """Search for devices: serial ports by USB id, programs on this computer and in the network"""
+
+    bl_label = "Find Devices"
+    bl_property = "which"
+
+    which: EnumProperty(name="Device", description="Device to add", items=_found)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if not self.properties.is_property_set("which"):
+            ports = search.run()
+            if not search.found:
+                there = ", ".join(ports) or "none"
+                self.report(
+                    {"WARNING"}, printable(f"No known device was found. Serial ports: {there}.")
+                )
+                return {"CANCELLED"}
+        return super().invoke(context, event)
+
+    def work(self, context: bpy.types.Context) -> str:
+        if not self.which.isdecimal() or int(self.which) >= len(search.found):
+            raise InputError("Press Find Devices first, and choose one.")
+        device = search.found[int(self.which)]
+        settings = replace(
+            settings_of(device.device), kind="DEVICE", port=device.port, unit=device.unit
+        )
+        if device.device not in context.scene.hfx.devices:
+            context.scene.hfx.devices.add().name = device.device
+        live.connect(device.device, settings)
+        live_settings.store(device.device, settings)
+        return f"{title_of(device.device)}: {device.description}"
