@@ -74,19 +74,19 @@ static inline int hfx_is_reaction_of(const hfx_clip *clip, uint32_t body,
   return hfx_u32(reaction + 4) - hfx_u32(at + 12) < hfx_u32(at + 16);
 }
 
-#define HFX_PARTS 15 /* of a body's memory */
+#define HFX_PARTS 16 /* of a body's memory */
 
 /* Parts of a body's memory, in bytes; their sum. */
 static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body,
                                     uint64_t parts[HFX_PARTS]) {
   const unsigned char *at = hfx_record(clip, HFX_BODY, body);
   const uint64_t bones = hfx_u32(at + 8), reactions = clip->parts[HFX_REAC].count;
-  uint64_t chunks = 0, pulls = 0, reaches = 0, weights = 0, held = 0, largest = 0, sum = 0;
+  uint64_t chunks = 0, linked = 0, pulls = 0, reaches = 0, weights = 0, held = 0, largest = 0, sum = 0;
   uint32_t k;
   for (k = 0; k < hfx_u32(at + 16); k++) {
     const uint32_t count = hfx_chunks_of(clip, hfx_u32(at + 12) + k);
     chunks += count;
-    pulls += hfx_count_pulls(clip, hfx_record(clip, HFX_MODL, hfx_u32(at + 12) + k));
+    hfx_count_bones(clip, hfx_record(clip, HFX_MODL, hfx_u32(at + 12) + k), &linked, &pulls);
     if (count > largest) largest = count;
   }
   for (k = 0; k < reactions; k++) {
@@ -105,7 +105,7 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body,
   parts[3] = sizeof(hfx_reach) * reaches;
   parts[4] = parts[5] = sizeof(hfx_chunk) * chunks;
   parts[6] = sizeof(hfx_boxes) * (chunks / HFX_CHUNK + 1);
-  parts[7] = sizeof(hfx_bone_pose) * bones;
+  parts[7] = sizeof(hfx_bone_pose) * (bones + 1);
   parts[8] = sizeof(hfx_rest) * chunks;
   parts[9] = sizeof(hfx_pull) * pulls;
   parts[10] = sizeof(hfx_near) * (largest + 1);
@@ -113,6 +113,7 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body,
   parts[12] = 4 * (HFX_CHUNK + 1) * held;
   parts[13] = 4 * HFX_CHUNK * largest;
   parts[14] = 4 * largest;
+  parts[15] = 4 * linked;
   for (k = 0; k < HFX_PARTS; k++) sum += parts[k];
   return sum;
 }
@@ -192,7 +193,8 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
   self->near = (hfx_near *)(void *)(at += parts[9]);
   weights = (float *)(void *)(at += parts[10]);
   self->scratch = (float *)(void *)(at += parts[11] + parts[12]);
-  self->scratch_peaks = (float *)(void *)(at + parts[13]);
+  self->scratch_peaks = (float *)(void *)(at += parts[13]);
+  self->chunk_bones = (uint32_t *)(void *)(at + parts[14]);
   self->body = body;
   self->frame = 0;
   self->chunks = (uint32_t)(parts[4] / sizeof(hfx_chunk));

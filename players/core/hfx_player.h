@@ -259,6 +259,7 @@ typedef struct hfx_pull { /* of a bone on HFX_LANES vertices */
 typedef struct hfx_rest { /* a chunk in rest space */
   float x[HFX_CHUNK], y[HFX_CHUNK], z[HFX_CHUNK];
   uint32_t first[HFX_CHUNK / HFX_LANES + 1]; /* pull of each HFX_LANES vertices; where they end */
+  uint32_t first_bone, end_bone;             /* of hfx_body.chunk_bones */
 } hfx_rest;
 
 typedef struct hfx_lanes { /* a 3 x 4 matrix, each number once for each lane */
@@ -266,14 +267,14 @@ typedef struct hfx_lanes { /* a 3 x 4 matrix, each number once for each lane */
 } hfx_lanes;
 
 typedef struct hfx_boxes { /* of as many chunks */
-  hfx_chunk centre, half;
-  float slack[HFX_CHUNK]; /* metres that vertices may have moved since they were posed */
+  hfx_chunk centre, half; /* where vertices may have moved to since they were posed */
   float low[3], high[3];  /* corners of a box round all in this frame */
 } hfx_boxes;
 
 typedef struct hfx_bone_pose {
   float now[16], before[16]; /* matrices: 4 columns of 3 numbers and a 0 */
   float low[4], high[4];     /* box in rest space round the vertices that follow the bone */
+  float least[4], most[4];   /* motion of these along each axis since the frame before, metres */
 } hfx_bone_pose;
 
 typedef struct hfx_near { /* a chunk within reach of a volume */
@@ -304,6 +305,7 @@ typedef struct hfx_body { /* what is behind these pointers lies in the memory th
   hfx_lanes *pose, *pose_before; /* of each bone, and one that leaves vertices where they are */
   hfx_rest *rest;
   hfx_pull *pulls;
+  uint32_t *chunk_bones; /* that move any vertex of a chunk */
   hfx_chunk *places, *before;
   hfx_boxes *boxes;
   hfx_near *near;                /* of one model, as the following */

@@ -83,9 +83,10 @@ static inline double hfx_add_proximity(hfx_touch *touch, const unsigned char *fi
     }
     hfx_powers(nearness, (float)exponent);
     for (i = 0; i < HFX_CHUNK; i++) {
-      const float raised = nearness[i] * share < 1.0f ? nearness[i] * share : 1.0f;
-      weights[i] = raised > weights[i] ? raised : weights[i];
+      nearness[i] *= share;
+      nearness[i] = nearness[i] < 1.0f ? nearness[i] : 1.0f;
     }
+    hfx_raise(weights, nearness);
     hfx_note_weights(touch, near->chunk);
   }
   return peak;
@@ -95,10 +96,9 @@ static inline double hfx_wave(double turns, double depth, double phase) {
   return 1.0 - 0.5 * depth * (1.0 - sin(HFX_TAU * (turns + phase)));
 }
 
-/* The same of many turns: a polynomial, which becomes vector instructions, within 0.00001. */
-static inline float hfx_wave_near(double turns, float depth) {
-  const double whole = (turns + 6755399441055744.0) - 6755399441055744.0; /* rounded */
-  const float part = (float)(turns - whole);
+/* The same, up to a million turns: a polynomial, which becomes vector instructions. */
+static inline float hfx_wave_near(float turns, float depth) {
+  const float part = turns - ((turns + 12582912.0f) - 12582912.0f); /* less the rounded */
   const float fold = part > 0.25f ? 0.5f - part : part < -0.25f ? -0.5f - part : part;
   const float x = (float)HFX_TAU * fold, y = x * x;
   const float sine = x * (1.0f - y * (1.0f / 6.0f - y * (1.0f / 120.0f - y * (1.0f / 5040.0f -
@@ -110,11 +110,13 @@ static inline float hfx_wave_near(double turns, float depth) {
 static inline int hfx_scale_over_space(hfx_touch *touch, const unsigned char *filter) {
   const float *matrix = touch->volume.to_world;
   const int is_wave = hfx_u32(filter) == HFX_SINE;
-  const double influence = hfx_control(filter, 0), first = hfx_control(filter, 1);
-  const double second = hfx_control(filter, 2), third = hfx_control(filter, 3);
-  const double rise = hfx_control(filter, 4) - third;
+  const double first = hfx_control(filter, 1), second = hfx_control(filter, 2);
   const double way_m = is_wave ? first : second - first, least_m = is_wave ? 1e-6 : 1e-9;
-  const double length_m = way_m > least_m ? way_m : least_m;
+  const float influence = (float)hfx_control(filter, 0), begin_m = is_wave ? 0.0f : (float)first;
+  const float per_m = (float)(1.0 / (way_m > least_m ? way_m : least_m)), depth = (float)second;
+  const float most = is_wave ? 1e6f : 1.0f, near = (float)hfx_control(filter, 3);
+  const float phase = (float)(hfx_control(filter, 3) - floor(hfx_control(filter, 3)));
+  const float rise = (float)hfx_control(filter, 4) - near;
   float axis[3] = {0.0f, 0.0f, 0.0f}, length = 0.0f;
   uint32_t k, from = touch->from, to = touch->to;
   int c, i;
@@ -123,27 +125,27 @@ static inline int hfx_scale_over_space(hfx_touch *touch, const unsigned char *fi
     for (c = 0; c < 3; c++) axis[c] = matrix[4 * c + 2] / sqrtf(length);
   touch->from = touch->count, touch->to = 0;
   for (k = from; k < to; k++) {
+    float *weights = touch->weights + HFX_CHUNK * (size_t)k, value[HFX_CHUNK];
     const hfx_chunk *of;
-    float *weights = touch->weights + HFX_CHUNK * (size_t)k, away_m[HFX_CHUNK], value[HFX_CHUNK];
     if (!(touch->peaks[k] > 0.0f)) continue;
     of = hfx_posed(touch, k);
     for (i = 0; i < HFX_CHUNK; i++) {
       const float x = of->x[i] - matrix[3], y = of->y[i] - matrix[7], z = of->z[i] - matrix[11];
       const float along = axis[0] * x + axis[1] * y + axis[2] * z;
       const float a = x - along * axis[0], b = y - along * axis[1], d = z - along * axis[2];
-      away_m[i] = sqrtf(a * a + b * b + d * d);
+      const float way = (sqrtf(a * a + b * b + d * d) - begin_m) * per_m;
+      value[i] = way > 0.0f ? way < most ? way : most : 0.0f;
     }
     if (is_wave)
-      for (i = 0; i < HFX_CHUNK; i++)
-        value[i] = hfx_wave_near(away_m[i] / length_m + third, (float)second);
+      for (i = 0; i < HFX_CHUNK; i++) value[i] = hfx_wave_near(value[i] + phase, depth);
     else
-      for (i = 0; i < HFX_CHUNK; i++)
-        value[i] = (float)(third + rise * hfx_clamped((away_m[i] - first) / length_m, 0.0, 1.0));
+      for (i = 0; i < HFX_CHUNK; i++) value[i] = near + rise * value[i];
     for (i = 0; i < HFX_CHUNK; i++) {
-      const float factor = 1.0f + (float)influence * (value[i] - 1.0f);
-      const float scaled = weights[i] * (factor < 0.0f ? 0.0f : factor > 1.0f ? 1.0f : factor);
-      weights[i] = weights[i] > 0.0f ? scaled : weights[i];
+      const float factor = 1.0f + influence * (value[i] - 1.0f);
+      const float within = factor > 0.0f ? factor < 1.0f ? factor : 1.0f : 0.0f;
+      value[i] = weights[i] > 0.0f ? weights[i] * within : weights[i];
     }
+    hfx_copy(weights, value, sizeof value);
     hfx_note_weights(touch, k);
   }
   return touch->from < touch->to;
@@ -237,7 +239,7 @@ static inline void hfx_forget_ended(hfx_felt *felt, double time_s, double second
 static inline void hfx_hold(hfx_touch *touch) {
   hfx_felt *felt = touch->felt;
   uint32_t k;
-  int n, i;
+  int n;
   for (n = 0; n < felt->impact_count; n++) {
     float *held = hfx_held(touch, &felt->impacts[n]);
     float *peaks = felt->held_peaks + touch->count * (size_t)felt->impacts[n].place;
@@ -245,7 +247,7 @@ static inline void hfx_hold(hfx_touch *touch) {
       const float *weights = touch->weights + HFX_CHUNK * (size_t)k;
       float *kept = held + HFX_CHUNK * (size_t)k;
       if (!(peaks[k] > 0.0f)) hfx_copy(kept, weights, sizeof(float) * HFX_CHUNK);
-      for (i = 0; i < HFX_CHUNK; i++) kept[i] = weights[i] > kept[i] ? weights[i] : kept[i];
+      else hfx_raise(kept, weights);
       peaks[k] = touch->peaks[k] > peaks[k] ? touch->peaks[k] : peaks[k];
     }
   }

@@ -9,7 +9,7 @@
 extern "C" {
 #endif
 
-#define HFX_UNKNOWN_SLACK 1e30f /* slack of a chunk whose place is not known */
+#define HFX_UNKNOWN 1e30f /* half a box whose place is not known, metres */
 
 #define HFX_ROUNDING 4e-6f /* of places in the world: far more than a sum of products has */
 
@@ -39,31 +39,32 @@ static inline void hfx_pose_chunk(const hfx_rest *rest, const hfx_pull *pulls,
   }
 }
 
-#define HFX_REMEMBERED 16 /* bones of HFX_LANES vertices; one that comes again later has 2 pulls */
+#define HFX_REMEMBERED 32 /* bones; one that comes again later counts once more */
 
-/* Number of pulls on the HFX_LANES vertices from number `i` of a model on, its last one repeated;
- * they are written to `found` unless it is NULL. `still`: number of the pose of a vertex without
- * bones. */
-static inline uint32_t hfx_find_pulls(const hfx_clip *clip, const unsigned char *model, uint32_t i,
-                                      uint32_t still, hfx_pull *found) {
-  uint32_t bones[HFX_REMEMBERED], count = 0, k, n;
-  int lane, c;
-  for (lane = 0; lane < HFX_LANES; lane++) {
-    const uint32_t last = hfx_u32(model + 16) - 1, own = i + (uint32_t)lane;
-    const uint32_t at = hfx_u32(model + 12) + (own < last ? own : last);
-    const unsigned char *vertex = hfx_record(clip, HFX_VERT, at);
+/* Number of bones of some vertices of a model, from number `first` on, the model's last one
+ * repeated. They are written to `bones`, or with their shares of HFX_LANES vertices to `pulls`,
+ * unless these are NULL. `still`: number of the pose of a vertex without bones. */
+static inline uint32_t hfx_find_bones(const hfx_clip *clip, const unsigned char *model,
+                                      uint32_t first, uint32_t vertices, uint32_t still,
+                                      uint32_t *bones, hfx_pull *pulls) {
+  uint32_t recent[HFX_REMEMBERED], count = 0, i, k, n;
+  int c;
+  for (i = 0; i < vertices; i++) {
+    const uint32_t last = hfx_u32(model + 16) - 1, at = first + i < last ? first + i : last;
+    const unsigned char *vertex = hfx_record(clip, HFX_VERT, hfx_u32(model + 12) + at);
     const uint32_t weights = hfx_u32(vertex + 20);
     for (k = 0; k < (weights ? weights : 1); k++) {
       const unsigned char *weight = hfx_record(clip, HFX_WGHT, hfx_u32(vertex + 16) + k);
       const uint32_t bone = weights ? hfx_u16(weight) : still;
-      const uint32_t oldest = count > HFX_REMEMBERED ? count - HFX_REMEMBERED : 0;
-      for (n = oldest; n < count && bones[n % HFX_REMEMBERED] != bone; n++) {}
+      n = count > HFX_REMEMBERED ? count - HFX_REMEMBERED : 0;
+      while (n < count && recent[n % HFX_REMEMBERED] != bone) n++;
       if (n == count) {
-        bones[count++ % HFX_REMEMBERED] = bone;
-        if (found) found[n].bone = bone;
-        for (c = 0; found && c < HFX_LANES; c++) found[n].shares[c] = 0.0f;
+        recent[count++ % HFX_REMEMBERED] = bone;
+        if (bones) bones[n] = bone;
+        if (pulls) pulls[n].bone = bone;
+        for (c = 0; pulls && c < HFX_LANES; c++) pulls[n].shares[c] = 0.0f;
       }
-      if (found) found[n].shares[lane] += weights ? (float)hfx_u16(weight + 2) / 65535.0f : 1.0f;
+      if (pulls) pulls[n].shares[i] += weights ? (float)hfx_u16(weight + 2) / 65535.0f : 1.0f;
     }
   }
   return count;
@@ -73,13 +74,14 @@ static inline uint32_t hfx_chunk_count(uint32_t vertices) {
   return vertices / HFX_CHUNK + (vertices % HFX_CHUNK > 0);
 }
 
-/* Number of pulls on all vertices of a model. */
-static inline uint64_t hfx_count_pulls(const hfx_clip *clip, const unsigned char *model) {
-  uint64_t sum = 0;
+/* Adds the numbers of bones of all chunks of a model, and of pulls on all of its vertices. */
+static inline void hfx_count_bones(const hfx_clip *clip, const unsigned char *model,
+                                   uint64_t *bones, uint64_t *pulls) {
   uint32_t i;
-  for (i = 0; i < HFX_CHUNK * hfx_chunk_count(hfx_u32(model + 16)); i += HFX_LANES)
-    sum += hfx_find_pulls(clip, model, i, 0, NULL);
-  return sum;
+  for (i = 0; i < HFX_CHUNK * hfx_chunk_count(hfx_u32(model + 16)); i += HFX_LANES) {
+    *pulls += hfx_find_bones(clip, model, i, HFX_LANES, 0, NULL, NULL);
+    if (i % HFX_CHUNK == 0) *bones += hfx_find_bones(clip, model, i, HFX_CHUNK, 0, NULL, NULL);
+  }
 }
 
 /* Reads rest places and pulls of all models of a body. */
@@ -88,14 +90,23 @@ static inline void hfx_read_skin(hfx_body *self) {
   const unsigned char *body = hfx_record(clip, HFX_BODY, self->body);
   hfx_rest *rest = self->rest;
   const uint32_t still = hfx_u32(body + 8);
-  uint32_t m, k, i, first = 0;
+  uint32_t m, k, i, first = 0, bone = 0;
   for (i = 0; i < 12; i += 5) /* of memory of zeros */
     for (k = 0; k < HFX_LANES; k++)
       self->pose[still].at[i][k] = self->pose_before[still].at[i][k] = 1.0f;
+  for (k = 0; k < self->chunks; k++) {
+    hfx_chunk *half = &self->boxes[k / HFX_CHUNK].half;
+    i = k % HFX_CHUNK;
+    half->x[i] = half->y[i] = half->z[i] = HFX_UNKNOWN;
+  }
   for (m = 0; m < hfx_u32(body + 16); m++) {
     const unsigned char *model = hfx_record(clip, HFX_MODL, hfx_u32(body + 12) + m);
     const uint32_t vertices = hfx_u32(model + 16);
-    for (k = 0; k < hfx_chunk_count(vertices); k++, rest++)
+    for (k = 0; k < hfx_chunk_count(vertices); k++, rest++) {
+      rest->first_bone = bone;
+      bone += hfx_find_bones(clip, model, HFX_CHUNK * k, HFX_CHUNK, still,
+                             self->chunk_bones + bone, NULL);
+      rest->end_bone = bone;
       for (i = 0; i < HFX_CHUNK; i++) {
         const uint32_t at = HFX_CHUNK * k + i < vertices ? HFX_CHUNK * k + i : vertices - 1;
         const unsigned char *vertex = hfx_record(clip, HFX_VERT, hfx_u32(model + 12) + at);
@@ -104,9 +115,11 @@ static inline void hfx_read_skin(hfx_body *self) {
         rest->z[i] = hfx_f32(vertex + 8);
         if (i % HFX_LANES) continue;
         rest->first[i / HFX_LANES] = first;
-        first += hfx_find_pulls(clip, model, HFX_CHUNK * k + i, still, self->pulls + first);
+        first += hfx_find_bones(clip, model, HFX_CHUNK * k + i, HFX_LANES, still, NULL,
+                                self->pulls + first);
         rest->first[i / HFX_LANES + 1] = first;
       }
+    }
   }
 }
 
@@ -136,50 +149,62 @@ static inline void hfx_find_bone_extents(hfx_body *self) {
   }
 }
 
-/* Upper bound of a vertex's motion along any axis since the frame before, metres. */
-static inline float hfx_largest_motion(const hfx_body *self, uint32_t bones) {
-  float most[4] = {0.0f, 0.0f, 0.0f, 0.0f}, longest;
-  uint32_t i;
+/* Finds the least and the most motion along each axis, since the frame before, of the vertices that
+ * follow a bone, metres. */
+static inline void hfx_find_ways(hfx_bone_pose *bone) {
+  float middle[3], half[3];
   int c;
-  for (i = 0; i < bones; i++) {
-    const hfx_bone_pose *bone = self->bones + i;
-    float middle[3], half[3];
-    if (bone->low[0] > bone->high[0]) continue; /* nothing follows it */
-    for (c = 0; c < 3; c++) {
-      middle[c] = 0.5f * bone->low[c] + 0.5f * bone->high[c];
-      half[c] = 0.5f * bone->high[c] - 0.5f * bone->low[c];
-    }
-    for (c = 0; c < 4; c++) {
-      const float x = bone->now[c] - bone->before[c], y = bone->now[4 + c] - bone->before[4 + c];
-      const float z = bone->now[8 + c] - bone->before[8 + c];
-      const float t = bone->now[12 + c] - bone->before[12 + c];
-      const float way = fabsf(x * middle[0] + y * middle[1] + z * middle[2] + t) +
-                        fabsf(x) * half[0] + fabsf(y) * half[1] + fabsf(z) * half[2];
-      most[c] = way <= most[c] ? most[c] : way; /* NaN, too */
-    }
+  for (c = 0; c < 3; c++) {
+    middle[c] = 0.5f * bone->low[c] + 0.5f * bone->high[c];
+    half[c] = 0.5f * bone->high[c] - 0.5f * bone->low[c];
   }
-  longest = most[0] <= most[1] ? most[1] : most[0];
-  longest = longest <= most[2] ? most[2] : longest;
-  return longest < HFX_UNKNOWN_SLACK ? longest : HFX_UNKNOWN_SLACK;
+  for (c = 0; c < 4; c++) {
+    const float x = bone->now[c] - bone->before[c], y = bone->now[4 + c] - bone->before[4 + c];
+    const float z = bone->now[8 + c] - bone->before[8 + c];
+    const float way = x * middle[0] + y * middle[1] + z * middle[2] + bone->now[12 + c] -
+                      bone->before[12 + c];
+    const float more = fabsf(x) * half[0] + fabsf(y) * half[1] + fabsf(z) * half[2];
+    const int is_known = fabsf(way) + more < HFX_UNKNOWN;
+    bone->least[c] = is_known ? way - more : -HFX_UNKNOWN;
+    bone->most[c] = is_known ? way + more : HFX_UNKNOWN;
+  }
 }
 
-/* Widens boxes by the way that vertices may have moved. */
-static inline void hfx_widen_boxes(hfx_boxes *boxes, float way) {
-  const float *centre[3], *half[3];
+/* Moves and widens up to HFX_CHUNK boxes by what vertices may have moved with their bones. */
+static inline void hfx_move_boxes(hfx_boxes *boxes, const hfx_rest *rest, uint32_t count,
+                                  const uint32_t *chunk_bones, const hfx_bone_pose *bones) {
+  float least[4][HFX_CHUNK] = {{0.0f}}, most[4][HFX_CHUNK] = {{0.0f}};
+  float low[HFX_CHUNK], high[HFX_CHUNK], *centre[3], *half[3];
+  uint32_t k, n;
   int c, i;
+  for (k = 0; k < count; k++, rest++) {
+    float from[4], to[4];
+    for (c = 0; c < 4; c++) from[c] = HFX_UNKNOWN, to[c] = -HFX_UNKNOWN;
+    for (n = rest->first_bone; n < rest->end_bone; n++) {
+      const hfx_bone_pose *bone = bones + chunk_bones[n];
+      HFX_KEEP_LOOP
+      for (c = 0; c < 4; c++) {
+        from[c] = bone->least[c] < from[c] ? bone->least[c] : from[c];
+        to[c] = bone->most[c] > to[c] ? bone->most[c] : to[c];
+      }
+    }
+    for (c = 0; c < 3; c++) least[c][k] = from[c], most[c][k] = to[c];
+  }
   centre[0] = boxes->centre.x, centre[1] = boxes->centre.y, centre[2] = boxes->centre.z;
   half[0] = boxes->half.x, half[1] = boxes->half.y, half[2] = boxes->half.z;
-  for (i = 0; i < HFX_CHUNK; i++) {
-    const float slack = boxes->slack[i] + way;
-    boxes->slack[i] = slack < HFX_UNKNOWN_SLACK ? slack : HFX_UNKNOWN_SLACK;
-  }
   for (c = 0; c < 3; c++) {
-    float low[HFX_CHUNK], high[HFX_CHUNK];
     for (i = 0; i < HFX_CHUNK; i++) {
-      low[i] = centre[c][i] - (half[c][i] + boxes->slack[i]);
-      high[i] = centre[c][i] + (half[c][i] + boxes->slack[i]);
+      const float middle = centre[c][i] + 0.5f * (least[c][i] + most[c][i]);
+      float more = half[c][i] + 0.5f * (most[c][i] - least[c][i]);
+      more += 0.25f * HFX_ROUNDING * (fabsf(middle) + more);
+      low[i] = more < HFX_UNKNOWN ? more : HFX_UNKNOWN;
+      high[i] = more < HFX_UNKNOWN ? middle : 0.0f;
     }
+    hfx_copy(half[c], low, sizeof low);
+    hfx_copy(centre[c], high, sizeof high);
+    for (i = 0; i < HFX_CHUNK; i++) low[i] = centre[c][i] - half[c][i];
     boxes->low[c] = hfx_smallest(low);
+    for (i = 0; i < HFX_CHUNK; i++) high[i] = centre[c][i] + half[c][i];
     boxes->high[c] = hfx_largest(high);
   }
 }
@@ -187,7 +212,6 @@ static inline void hfx_widen_boxes(hfx_boxes *boxes, float way) {
 /* Begins a frame: all chunks may have moved, and none is posed. */
 static inline void hfx_begin_pose(hfx_body *self) {
   const uint32_t bones = hfx_clip_bones(&self->clip, self->body);
-  const float way = self->was_posed ? hfx_largest_motion(self, bones) : HFX_UNKNOWN_SLACK;
   hfx_chunk *spare = self->before;
   hfx_lanes *spare_pose = self->pose_before;
   uint32_t k;
@@ -196,12 +220,17 @@ static inline void hfx_begin_pose(hfx_body *self) {
   self->places = spare;
   self->pose_before = self->pose;
   self->pose = spare_pose;
-  for (k = 0; k < bones; k++)
+  for (k = 0; k < bones; k++) {
     for (c = 0; c < 12; c++)
       for (i = 0; i < HFX_LANES; i++)
         self->pose[k].at[c][i] = self->bones[k].now[4 * (c % 4) + c / 4];
+    hfx_find_ways(&self->bones[k]);
+  }
   self->frame++;
-  for (k = 0; k < hfx_chunk_count(self->chunks); k++) hfx_widen_boxes(self->boxes + k, way);
+  for (k = 0; k < self->chunks; k += HFX_CHUNK)
+    hfx_move_boxes(self->boxes + k / HFX_CHUNK, self->rest + k,
+                   self->chunks - k < HFX_CHUNK ? self->chunks - k : HFX_CHUNK,
+                   self->chunk_bones, self->bones);
 }
 
 #ifdef __cplusplus

@@ -52,32 +52,34 @@ static inline void hfx_find_near(hfx_touch *touch, float reach) {
   touch->nears = (uint32_t)(near - touch->body->near);
 }
 
-/* A chunk of the model in this frame, posed when it is first needed. */
-static inline const hfx_chunk *hfx_posed(hfx_touch *touch, uint32_t k) {
-  hfx_body *self = touch->body;
-  const uint32_t at = touch->first + k, i = at % HFX_CHUNK;
+/* Poses a chunk of a body, and finds its box. */
+static inline void hfx_pose_box(hfx_body *self, uint32_t at) {
+  const uint32_t i = at % HFX_CHUNK;
   hfx_boxes *boxes = self->boxes + at / HFX_CHUNK;
   hfx_chunk *chunk = self->places + at;
   const float *places[3];
   float *middle[3], *half[3];
   int c;
-  if (chunk->frame == self->frame) return chunk;
   hfx_pose_chunk(self->rest + at, self->pulls, self->pose, chunk);
   places[0] = chunk->x, places[1] = chunk->y, places[2] = chunk->z;
   middle[0] = boxes->centre.x + i, middle[1] = boxes->centre.y + i, middle[2] = boxes->centre.z + i;
   half[0] = boxes->half.x + i, half[1] = boxes->half.y + i, half[2] = boxes->half.z + i;
-  boxes->slack[i] = 0.0f;
   for (c = 0; c < 3; c++) {
     const float low = hfx_smallest(places[c]), high = hfx_largest(places[c]);
     *middle[c] = 0.5f * low + 0.5f * high;
     *half[c] = 0.5f * high - 0.5f * low;
     *half[c] += HFX_ROUNDING * (fabsf(*middle[c]) + *half[c]);
-    if (*half[c] >= 0.0f && *half[c] < HFX_UNKNOWN_SLACK) continue;
-    *middle[c] = *half[c] = 0.0f; /* bones that are no numbers */
-    boxes->slack[i] = HFX_UNKNOWN_SLACK;
+    if (*half[c] >= 0.0f && *half[c] < HFX_UNKNOWN) continue;
+    *middle[c] = 0.0f, *half[c] = HFX_UNKNOWN; /* bones that are no numbers */
   }
   chunk->frame = self->frame;
-  return chunk;
+}
+
+/* A chunk of the model in this frame, posed when it is first needed. */
+static inline const hfx_chunk *hfx_posed(hfx_touch *touch, uint32_t k) {
+  const uint32_t at = touch->first + k;
+  if (touch->body->places[at].frame != touch->body->frame) hfx_pose_box(touch->body, at);
+  return touch->body->places + at;
 }
 
 /* The same in the frame before. */
@@ -108,16 +110,11 @@ static inline uint32_t hfx_next_weighted(const hfx_touch *touch, uint32_t k) {
   return k;
 }
 
-/* Distances of vertices, at `p` in shape space, from a volume, metres; beyond the range any number
- * above it. Returns the least. */
+/* Distances of vertices, at `p` in shape space, from a volume, metres, where any vertex is within
+ * `most` on all axes. Returns the least, or HFX_FARTHEST. */
 static inline float hfx_distances(const hfx_volume *volume, const hfx_chunk *p, const float *gauge,
-                                  float range_m, float *found) {
-  const float *m = volume->to_shape;
-  float most[3];
+                                  const float *most, float *HFX_RESTRICT found) {
   int i, is_any = 0;
-  for (i = 0; i < 3; i++, m += 4)
-    most[i] = (i == 2 && volume->shape == 3 ? 1.0f + volume->half : 1.0f) +
-              range_m * sqrtf(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]) * (1.0f + HFX_ROUNDING);
   for (i = 0; i < HFX_CHUNK; i++)
     is_any |= (fabsf(p->x[i]) <= most[0]) & (fabsf(p->y[i]) <= most[1]) &
               (fabsf(p->z[i]) <= most[2]);
@@ -131,6 +128,12 @@ static inline float hfx_distances(const hfx_volume *volume, const hfx_chunk *p, 
  * The weights are 0 before. */
 static inline int hfx_contact_weights(hfx_touch *touch, float reach) {
   hfx_near *near = touch->body->near, *end = near + touch->nears;
+  const float *m = touch->volume.to_shape;
+  float most[3]; /* on the axes of shape space, of what is within reach */
+  int c;
+  for (c = 0; c < 3; c++, m += 4)
+    most[c] = (c == 2 && touch->volume.shape == 3 ? 1.0f + touch->volume.half : 1.0f) +
+              reach * sqrtf(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]) * (1.0f + HFX_ROUNDING);
   for (; near < end; near++) {
     const uint32_t k = near->chunk;
     hfx_chunk p;
@@ -140,7 +143,7 @@ static inline int hfx_contact_weights(hfx_touch *touch, float reach) {
     if (hfx_falloff_weights(&touch->volume, gauge, touch->weights + HFX_CHUNK * (size_t)k))
       hfx_note_weights(touch, k);
     if (reach > 0.0f)
-      near->least_m = hfx_distances(&touch->volume, &p, gauge, reach, near->away_m);
+      near->least_m = hfx_distances(&touch->volume, &p, gauge, most, near->away_m);
   }
   return touch->from < touch->to;
 }
@@ -186,28 +189,25 @@ static inline double hfx_onset(hfx_touch *touch) {
   if (!hfx_inverse(touch->felt->before, then)) return 1.0;
   for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
     const float *weight = touch->weights + HFX_CHUNK * (size_t)k;
-    float gauge[HFX_CHUNK], low[HFX_CHUNK], high[HFX_CHUNK];
+    float gauge[HFX_CHUNK], share[HFX_CHUNK], half = 1.0f; /* outside until `share` */
     hfx_chunk p, q, at;
     int i, step;
     hfx_transform(touch->volume.to_shape, hfx_posed(touch, k), &p);
     hfx_transform(then, hfx_posed_before(touch, k), &q);
-    for (i = 0; i < HFX_CHUNK; i++) low[i] = 0.0f, high[i] = 1.0f;
+    for (i = 0; i < HFX_CHUNK; i++) share[i] = 0.0f;
     for (step = 0; step < HFX_HALVINGS; step++) {
+      half *= 0.5f;
       for (i = 0; i < HFX_CHUNK; i++) {
-        const float share = 0.5f * (low[i] + high[i]);
-        at.x[i] = q.x[i] + share * (p.x[i] - q.x[i]);
-        at.y[i] = q.y[i] + share * (p.y[i] - q.y[i]);
-        at.z[i] = q.z[i] + share * (p.z[i] - q.z[i]);
+        const float middle = share[i] + half;
+        at.x[i] = q.x[i] + middle * (p.x[i] - q.x[i]);
+        at.y[i] = q.y[i] + middle * (p.y[i] - q.y[i]);
+        at.z[i] = q.z[i] + middle * (p.z[i] - q.z[i]);
       }
       hfx_gauge(&touch->volume, &at, gauge);
-      for (i = 0; i < HFX_CHUNK; i++) {
-        const float share = 0.5f * (low[i] + high[i]);
-        if (gauge[i] <= 1.0f) high[i] = share;
-        else low[i] = share;
-      }
+      for (i = 0; i < HFX_CHUNK; i++) share[i] += gauge[i] <= 1.0f ? 0.0f : half;
     }
     for (i = 0; i < HFX_CHUNK; i++)
-      if (weight[i] > 0.0f && high[i] < first) first = high[i];
+      if (weight[i] > 0.0f && share[i] + half < first) first = share[i] + half;
   }
   return first;
 }

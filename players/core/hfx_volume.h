@@ -17,11 +17,18 @@ extern "C" {
 #define HFX_KEEP_LOOP
 #endif
 
+/* Nothing else is at what such a pointer points to. */
+#ifdef __cplusplus
+#define HFX_RESTRICT __restrict
+#else
+#define HFX_RESTRICT restrict
+#endif
+
 typedef struct hfx_volume { /* a volume at one moment */
   float to_shape[12], to_shape_sizes[12]; /* sizes: absolute values, without translation */
   const float *to_world;
   uint32_t shape, falloff;
-  float half, share;
+  float half, per_share; /* per_share: 1 over the share of the falloff */
 } hfx_volume;
 
 /* Inverse of an affine matrix; 0: it has none, or holds what is no number. */
@@ -37,11 +44,12 @@ static inline int hfx_inverse(const float *matrix, float *found) {
     }
   determinant = matrix[0] * of[0][0] + matrix[4] * of[0][1] + matrix[8] * of[0][2];
   if (!(fabs(determinant) > 1e-12 * size * size * size) || !(size < 1e12)) return 0;
+  determinant = 1.0 / determinant;
   for (i = 0; i < 3; i++) {
     double moved = 0.0;
     for (k = 0; k < 3; k++) {
-      found[4 * i + k] = (float)(of[i][k] / determinant);
-      moved -= of[i][k] / determinant * matrix[4 * k + 3];
+      found[4 * i + k] = (float)(of[i][k] * determinant);
+      moved -= of[i][k] * determinant * matrix[4 * k + 3];
     }
     found[4 * i + 3] = (float)moved;
     if (!hfx_is_within(moved, -HFX_HUGE_F32, HFX_HUGE_F32)) return 0;
@@ -51,7 +59,8 @@ static inline int hfx_inverse(const float *matrix, float *found) {
 
 /* Takes a chunk to another space. Like all loops over a chunk, which have a fixed length and no
  * branches, this becomes vector instructions. */
-static inline void hfx_transform(const float *m, const hfx_chunk *of, hfx_chunk *found) {
+static inline void hfx_transform(const float *m, const hfx_chunk *of,
+                                 hfx_chunk *HFX_RESTRICT found) {
   int i;
   for (i = 0; i < HFX_CHUNK; i++) {
     const float x = of->x[i], y = of->y[i], z = of->z[i];
@@ -98,8 +107,15 @@ static inline float hfx_smallest(const float *values) {
   return least[0];
 }
 
+/* Raises the numbers of a chunk to others that are larger. */
+static inline void hfx_raise(float *HFX_RESTRICT values, const float *others) {
+  int i;
+  for (i = 0; i < HFX_CHUNK; i++) values[i] = others[i] > values[i] ? others[i] : values[i];
+}
+
 /* Squares of the gauge of a shape, docs/formats/clip.md, at places in its space. */
-static inline void hfx_gauge(const hfx_volume *volume, const hfx_chunk *p, float *found) {
+static inline void hfx_gauge(const hfx_volume *volume, const hfx_chunk *p,
+                             float *HFX_RESTRICT found) {
   const float half = volume->half;
   float across[HFX_CHUNK];
   int i;
@@ -129,19 +145,18 @@ static inline void hfx_gauge(const hfx_volume *volume, const hfx_chunk *p, float
 
 /* Weights of the vertices of a chunk from squares of their gauge; whether any is inside. */
 static inline int hfx_falloff_weights(const hfx_volume *volume, const float *gauge,
-                                      float *weights) {
+                                      float *HFX_RESTRICT weights) {
   float rise[HFX_CHUNK];
   int i, is_any = 0;
   for (i = 0; i < HFX_CHUNK; i++) is_any |= gauge[i] <= 1.0f;
   if (!is_any) return 0;
-  if (volume->falloff == 0 || volume->share <= 0.0f) {
+  if (volume->falloff == 0) {
     for (i = 0; i < HFX_CHUNK; i++) weights[i] = gauge[i] <= 1.0f ? 1.0f : 0.0f;
     return 1;
   }
-  for (i = 0; i < HFX_CHUNK; i++) rise[i] = sqrtf(gauge[i] < 1.0f ? gauge[i] : 1.0f);
   for (i = 0; i < HFX_CHUNK; i++) {
-    rise[i] = (1.0f - rise[i]) / volume->share;
-    rise[i] = rise[i] < 1.0f ? rise[i] : 1.0f;
+    const float depth = (1.0f - sqrtf(gauge[i] < 1.0f ? gauge[i] : 1.0f)) * volume->per_share;
+    rise[i] = depth < 1.0f ? depth : 1.0f;
   }
   if (volume->falloff == 1)
     for (i = 0; i < HFX_CHUNK; i++) weights[i] = rise[i];
@@ -153,12 +168,11 @@ static inline int hfx_falloff_weights(const hfx_volume *volume, const float *gau
 /* Lengths in the world of the ways from the nearest place of a volume, as before stretching, to
  * points outside. */
 static inline void hfx_distances_outside(const hfx_volume *volume, const hfx_chunk *of,
-                                         float *found) {
-  float m[12]; /* a copy, which `found` cannot change: vector instructions */
+                                         float *HFX_RESTRICT found) {
+  const float *m = volume->to_world;
   const float half = volume->shape == 3 ? volume->half : 0.0f;
   hfx_chunk off;
   int i;
-  for (i = 0; i < 12; i++) m[i] = volume->to_world[i];
   if (volume->shape == 0) {
     for (i = 0; i < HFX_CHUNK; i++) {
       const float x = fabsf(of->x[i]) - 1.0f, y = fabsf(of->y[i]) - 1.0f;
@@ -193,8 +207,8 @@ static inline int hfx_place(hfx_volume *volume, const unsigned char *effect, con
   int k;
   volume->shape = hfx_u32(effect + 20);
   volume->half = hfx_f32(effect + 24);
-  volume->falloff = hfx_u32(effect + 28);
-  volume->share = hfx_f32(effect + 32);
+  volume->falloff = hfx_f32(effect + 32) > 1e-6f ? hfx_u32(effect + 28) : 0;
+  volume->per_share = volume->falloff ? 1.0f / hfx_f32(effect + 32) : 0.0f;
   volume->to_world = matrix;
   if (!hfx_inverse(matrix, volume->to_shape)) return 0;
   for (k = 0; k < 12; k++)
@@ -204,14 +218,13 @@ static inline int hfx_place(hfx_volume *volume, const unsigned char *effect, con
 
 /* Squares of the least gauge that anything within `reach` metres of boxes may have. */
 static inline void hfx_least_gauges(const hfx_volume *volume, const hfx_boxes *boxes, float reach,
-                             float *found) {
+                                    float *found) {
   hfx_chunk centre, half, sizes, nearest;
   int i;
   for (i = 0; i < HFX_CHUNK; i++) {
-    const float more = boxes->slack[i] + reach;
-    half.x[i] = boxes->half.x[i] + more;
-    half.y[i] = boxes->half.y[i] + more;
-    half.z[i] = boxes->half.z[i] + more;
+    half.x[i] = boxes->half.x[i] + reach;
+    half.y[i] = boxes->half.y[i] + reach;
+    half.z[i] = boxes->half.z[i] + reach;
   }
   hfx_transform(volume->to_shape, &boxes->centre, &centre);
   hfx_transform(volume->to_shape_sizes, &half, &sizes);
