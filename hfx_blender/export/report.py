@@ -365,7 +365,7 @@ def describe(report: ExportReport) -> str:
     return "\n".join(map(printable, lines))
 
 
-def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
+def felt_lines(report: ExportReport) -> tuple[str, ...]:
     """Lines with the times of felt effects for each body; effects without any body are left out."""
     # Effects without any body have lines of their own, with the reason.
     unfelt = {line["effect"] for line in report.effects if not line["felt"]}
@@ -381,23 +381,20 @@ def felt_lines(report: ExportReport, most: int = MOST_LINES) -> tuple[str, ...]:
             f"{title} felt by {line['body']} from {line['first_s']:.2f} to {line['last_s']:.2f} s, "
             f"for {line['seconds']:.2f} s, on {line['mean_vertices']:.0f} vertices on average"
         )
-    return shortened(texts, most)
+    return shortened(texts, MOST_LINES)
 
 
-def unfelt_lines(
-    report: ExportReport, most: int | None = None, *, is_expected: bool = False
-) -> tuple[str, ...]:
-    """Lines on effects that no body feels: one line per reason, with ``most`` names (None: all).
-    ``is_expected`` leaves out effects named in warnings."""
+def unfelt_lines(report: ExportReport) -> tuple[str, ...]:
+    """Lines on effects that no body feels: one line per reason, with all names."""
     reasons: dict[str, list[str]] = {}
     for line in report.effects:
-        if not line["felt"] and (line.get("expected") or not is_expected):
+        if not line["felt"]:
             title = f"{line['effect']} ({line['modality']})" if "modality" in line else None
             reasons.setdefault(line["reason"], []).append(title or line["effect"])
     return tuple(
         f"{names[0]} was not felt: it {why}"
         if len(names) == 1
-        else f"{len(names)} effects were not felt: each {why}: {named(names, most or len(names))}"
+        else f"{len(names)} effects were not felt: each {why}: {named(names, len(names))}"
         for why, names in reasons.items()
     )
 

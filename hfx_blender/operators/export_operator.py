@@ -14,10 +14,11 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..authoring import clips
 from ..authoring.effects import swarms
+from ..blender.events import add_handlers, remove_handlers
 from ..errors import InputError
 from ..formats.registry import EXPORTED, FORMATS
 from ..text import printable, shortened
-from .shared import StepwiseExport, draw_wrapped
+from .shared import HfxOperator, StepwiseExport, draw_wrapped
 
 if TYPE_CHECKING:
     from ..export.report import ExportReport
@@ -34,24 +35,30 @@ _RECORD_ITEMS = (
 _LINE = 36  # letters in a line of the file browser's sidebar
 _NAMED = 3  # number of files named in the report
 _POPUP_LINE, _LINES = 90, 4  # letters, and lines, of a sentence
-_WARNINGS, _EFFECTS = 8, 12  # limits of the popup
+_WARNINGS, _EFFECTS = 8, 20  # limits of the popup
+_REPORT = "Haptic Export Report"
+_PURPOSES: dict[str, tuple[str, str, set[str], str]] = {
+    "GAME": ("My Game", "Game Clip, for the players in games", {"clip"}, "oculus_touch"),
+    "PHONE": ("My Phone", "AHAP for iPhone, .he for Android", {"ahap", "he"}, "phone_wide_band"),
+    "BHAPTICS": ("bHaptics", "Projects of bHaptics", {"tact"}, "bhaptics_tactsuit_x40"),
+    "HARDWARE": ("My Own Hardware", "Track and CSV", {"track", "csv"}, "arduino_uno_pwm"),
+    "SOUND": ("Sound Card", "WAV, a channel for each actuator", {"wav"}, "sound_card_8"),
+}
+"""Label, tooltip, formats and a device with output in these formats, by purpose."""
 
 
 @dataclass(frozen=True)
 class LastExport:
-    """Result of an export in this session, for the panel and the popup."""
+    """Result of an export of the open file, for the panel and the popup."""
 
     text: str
-    count: int
-    folder: Path
-    warnings: tuple[str, ...] = ()
-    effects: tuple[str, ...] = ()  # times of each effect, or the reason for silence
-    has_clips_outside: bool = False  # True: clips outside of the scene's frame range
+    report: ExportReport
+    has_clips_outside: bool  # True: clips outside of the scene's frame range
 
     @property
     def warned(self) -> str:
         """End of a sentence with the number of warnings; empty without warnings."""
-        count = len(self.warnings)
+        count = len(self.report.warnings)
         return "" if not count else ", 1 warning" if count == 1 else f", {count} warnings"
 
 
@@ -78,6 +85,17 @@ def _check_box(flags: str, name: str, label: str, tip: str) -> BoolProperty:
     return BoolProperty(name=label, description=tip, get=is_chosen, set=choose, options=options)
 
 
+def _purpose(operator: HFX_OT_export) -> int:
+    """Number of the purpose with the chosen formats; that of "Other" without any."""
+    formats = [purpose[2] for purpose in _PURPOSES.values()]
+    return formats.index(operator.formats) if operator.formats in formats else len(formats)
+
+
+def _choose_purpose(operator: HFX_OT_export, number: int) -> None:
+    for _, _, formats, _ in [*_PURPOSES.values()][number : number + 1]:
+        operator.formats = formats
+
+
 class HFX_OT_export(StepwiseExport, ExportHelper):
     """Record the scene's haptic track, and what its devices play, into a folder"""
 
@@ -91,6 +109,17 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         items=FORMAT_ITEMS,
         options={"ENUM_FLAG"},
         default={"track", "csv"},
+    )
+    purpose: EnumProperty(
+        name="For",
+        description="Purpose of the export, which selects the formats",
+        items=(
+            *((name, *texts[:2]) for name, texts in _PURPOSES.items()),
+            ("OTHER", "Other", "The formats chosen below"),
+        ),
+        options={"SKIP_SAVE"},
+        get=_purpose,
+        set=_choose_purpose,
     )
     per_clip: BoolProperty(
         name="Each Clip by Itself",
@@ -116,37 +145,45 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
     }
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        layout.label(text="Devices", icon="OUTLINER_OB_FORCE_FIELD")
-        draw_devices(context, layout)
-        layout.label(text="Formats of the Track", icon="FILE")
-        self._draw_formats(context, [info.id for info in _INFOS if not info.is_of_device])
-        layout.label(text="Formats of Devices", icon="EXPORT")
-        self._draw_formats(context, [info.id for info in _INFOS if info.is_of_device])
-        layout.separator()
-        layout.prop(self, "per_clip")
-        layout.prop(self, "full_precision")
-        layout.label(text="Also Record")
-        column = layout.column(align=True)
-        for name, *_ in _RECORD_ITEMS:
-            column.prop(self, _box_of("record", name))
-
-    def _draw_formats(self, context: bpy.types.Context, names: list[str]) -> None:
-        """Draw check boxes of formats; the reasons of disabled formats follow, once each."""
         from ..devices.configurations.device_facts import facts_of
         from ..formats.writing import why_nothing
 
+        layout = self.layout
         exported = [entry for entry in context.scene.hfx.devices if entry.is_exported]
         facts = [facts_of(entry.name).device for entry in exported]
         devices = [device for device in facts if device is not None]
-        reasons = {name: why_nothing(name, devices) for name in names}
-        column = self.layout.column(align=True)
-        for name, reason in reasons.items():
-            row = column.row()
-            row.enabled = not reason
-            row.prop(self, _box_of("formats", name))
-        for reason in dict.fromkeys(filter(None, reasons.values())):
-            draw_wrapped(column, reason, _LINE, "INFO")
+        reasons = {info.id: why_nothing(info.id, devices) for info in _INFOS}
+        layout.label(text="Export For", icon="EXPORT")
+        layout.column(align=True).prop(self, "purpose", expand=True)
+        missing = [reasons[name] for name in EXPORTED if name in self.formats and reasons[name]]
+        for reason in dict.fromkeys(missing):
+            draw_wrapped(layout.column(align=True), reason, _LINE, "ERROR")
+        if missing and self.purpose in _PURPOSES:
+            device = _PURPOSES[self.purpose][3]
+            add = layout.operator("hfx.live_add", text=f"Add {facts_of(device).title}", icon="ADD")
+            add.name = device
+        layout.label(text="Devices", icon="OUTLINER_OB_FORCE_FIELD")
+        draw_devices(context, layout)
+        header, body = layout.panel("hfx_export_formats", default_closed=True)
+        header.label(text="Formats")
+        if body is None:
+            return
+        for title, is_of_device in (("Of the Track", False), ("Of Devices", True)):
+            column = body.column(align=True)
+            names = [info.id for info in _INFOS if info.is_of_device == is_of_device]
+            column.label(text=title)
+            for name in names:
+                row = column.row()
+                row.enabled = not reasons[name]
+                row.prop(self, _box_of("formats", name))
+            for reason in dict.fromkeys(reasons[name] for name in names if reasons[name]):
+                draw_wrapped(column, reason, _LINE, "INFO")
+        body.prop(self, "per_clip")
+        body.prop(self, "full_precision")
+        column = body.column(align=True)
+        column.label(text="Also Record")
+        for name, *_ in _RECORD_ITEMS:
+            column.prop(self, _box_of("record", name))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._is_invoked = True
@@ -189,8 +226,6 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         return SceneExport(scene, settings).steps(path.parent, path.stem)
 
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
-        from ..export.report import felt_lines, unfelt_lines
-
         for warning in report.warnings:
             self.report({"WARNING"}, printable(warning))
         track = next((file for file in report.files if file.suffix == self.filename_ext), None)
@@ -201,14 +236,8 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.folder
         listed = swarms.listed_effects(context.scene)
         strips = (strip for effect in listed for _, strip in clips.strips_of(effect))
-        written = LastExport(
-            text,
-            len(names),
-            folder,
-            report.warnings,
-            (*unfelt_lines(report, _NAMED, is_expected=True), *felt_lines(report, _EFFECTS)),
-            any(clips.outside_scene(context.scene, strip) is not None for strip in strips),
-        )
+        is_outside = any(clips.outside_scene(context.scene, strip) is not None for strip in strips)
+        written = LastExport(text, report, is_outside)
         last_written[:] = [written]
         if self._is_invoked and not bpy.app.background:
             context.window_manager.popup_menu(draw_written, title="Haptic Export", icon="EXPORT")
@@ -226,22 +255,68 @@ def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None
 
 
 def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    """Draw the last export: warnings, times of each effect, files, and buttons with cures."""
+    """Draw the last export: warnings, unfelt effects with reasons, times of felt effects, files,
+    and buttons with cures."""
     layout = menu.layout
     for written in last_written:
-        for warning in shortened(written.warnings, _WARNINGS):
+        report = written.report
+        for warning in shortened(report.warnings, _WARNINGS):
             draw_wrapped(layout, _sentence(warning), _POPUP_LINE, "ERROR", _LINES)
         if written.has_clips_outside:
             layout.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ALL"
-        if written.warnings:
+        if report.warnings:
             layout.separator()
-        for line in shortened(written.effects, _EFFECTS):
-            draw_wrapped(layout, _sentence(line), _POPUP_LINE, "DOT", _LINES)
+        facts = sorted(report.effects, key=lambda fact: bool(fact["felt"]))
+        for fact in facts[:_EFFECTS]:
+            if fact["felt"]:
+                text = f"{fact['effect']}: felt from {fact['from_s']:.2f} to {fact['to_s']:.2f} s"
+            else:
+                text = f"{fact['effect']}: not felt, as it {fact['reason']}"
+            icon = "CHECKMARK" if fact["felt"] else "X"
+            draw_wrapped(layout, printable(text), _POPUP_LINE, icon, _LINES)
+        if len(facts) > _EFFECTS:
+            layout.label(text=f"... and {len(facts) - _EFFECTS} more effects", icon="BLANK1")
         layout.separator()
-        icon = "FILE_TICK" if written.warnings else "CHECKMARK"
-        layout.label(text=printable(written.text), icon=icon)
-        folder = str(written.folder)
+        layout.label(text=printable(written.text), icon="FILE_TICK")
+        folder = str(report.folder)
         layout.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = folder
+        layout.operator("hfx.show_report", icon="TEXT")
+
+
+class HFX_OT_show_report(HfxOperator):
+    """Show the whole report of the last export in a Text Editor"""
+
+    bl_label = "Show Report"
+    bl_options = {"REGISTER"}
+    requires = ((lambda _context: last_written, "Export first"),)
+
+    def work(self, context: bpy.types.Context) -> None:
+        from ..export.report import describe
+
+        text = bpy.data.texts.get(_REPORT) or bpy.data.texts.new(_REPORT)
+        text.from_string(describe(last_written[0].report))
+        if not bpy.app.background:
+            bpy.ops.wm.window_new()
+            area = context.window_manager.windows[-1].screen.areas[0]
+            area.type = "TEXT_EDITOR"
+            area.spaces.active.text = text
+            area.spaces.active.show_word_wrap = True
+
+
+@bpy.app.handlers.persistent
+def _forget(_file: object) -> None:
+    last_written.clear()  # of another file, or another state of this file
+
+
+_HANDLERS = dict.fromkeys(("load_post", "undo_post", "redo_post"), _forget)
+
+
+def register() -> None:
+    add_handlers(_HANDLERS)
+
+
+def unregister() -> None:
+    remove_handlers(_HANDLERS)
 
 
 def _sentence(text: str) -> str:

@@ -110,7 +110,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         if not listed:
             layout.menu("HFX_MT_add", text="Add", icon="ADD")
         elif has_body:
-            draw_paint_menu(layout, "Paint")
+            draw_paint_menu(layout)
 
 
 class HFX_PT_clips(HfxPanel, bpy.types.Panel):
@@ -178,14 +178,14 @@ class HFX_PT_export(HfxPanel, bpy.types.Panel):
         layout.operator("hfx.export", icon="EXPORT")
         for written in last_written:
             row = layout.row(align=True)
-            files = "1 file" if written.count == 1 else f"{written.count} files"
+            count = len(written.report.files)
             row.label(
-                text=f"Wrote {files}{written.warned}",
-                icon="ERROR" if written.warnings else "CHECKMARK",
+                text=f"Wrote {count} {'file' if count == 1 else 'files'}{written.warned}",
+                icon="ERROR" if written.report.warnings else "CHECKMARK",
             )
-            row.operator("wm.path_open", text="Open", icon="FILE_FOLDER").filepath = str(
-                written.folder
-            )
+            row.operator("hfx.show_report", text="", icon="TEXT")
+            folder = str(written.report.folder)
+            row.operator("wm.path_open", text="Open", icon="FILE_FOLDER").filepath = folder
 
 
 class HFX_PT_sampling(HfxPanel, bpy.types.Panel):

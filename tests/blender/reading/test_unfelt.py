@@ -701,8 +701,6 @@ def test_two_thousand_effects_stay_readable() -> None:
     (line,) = unfelt_lines(_report(2000, False))
     assert line.startswith("2000 effects were not felt: each is muted: E0 (wind)")
     assert line.endswith("E1999 (wind)") and felt_lines(_report(2000, False)) == ()
-    (line,) = unfelt_lines(_report(2000, False), 6)  # as in a popup
-    assert line.endswith("E5 (wind) and 1994 more")
 
 
 @pytest.mark.parametrize("count", [12, 300])
@@ -772,9 +770,25 @@ def test_the_popup_lists_warnings_first(touch: Any, tmp_path: Path) -> None:
     assert [line[:30] for line in lines] == [
         "ERROR Clip 'Beat' of 'Touch' (",
         "hfx.extend_scene",
-        "DOT Ball (vibration) felt by A",
+        "X Touch: not felt, as it has n",
+        "CHECKMARK Ball: felt from 0.00",
         "FILE_TICK Wrote scene.hfxtrack",
         "wm.path_open",
+        "hfx.show_report",
     ]
     (written,) = export_operator.last_written
     assert written.warned == ", 1 warning"
+    bpy.ops.hfx.show_report()
+    text = bpy.data.texts["Haptic Export Report"].as_string()
+    assert "Touch (pressure) was not felt: it has no clip within the frames" in text
+
+
+def test_the_message_of_an_export_belongs_to_its_file(touch: Any, tmp_path: Path) -> None:
+    from hfx_blender.operators import export_operator
+
+    bpy.ops.hfx.export(filepath=str(tmp_path / "scene.hfxtrack"), formats={"track"})
+    assert len(export_operator.last_written) == 1
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert not export_operator.last_written
+    with pytest.raises(RuntimeError, match="Export first"):
+        bpy.ops.hfx.show_report()

@@ -115,6 +115,34 @@ def test_what_is_greyed_out_has_a_reason() -> None:
     assert why_nothing("wav", [vest, insoles]) == ""
 
 
+@pytest.mark.parametrize(
+    ("purpose", "formats", "files"),
+    [
+        ("GAME", {"clip"}, ["x.hfxclip"]),
+        ("PHONE", {"ahap", "he"}, ["x.phone_wide_band.main.ahap", "x.phone_wide_band.main.he"]),
+        ("BHAPTICS", {"tact"}, ["x.bhaptics_tactsuit_x40.tact"]),
+        ("HARDWARE", {"track", "csv"}, ["x.arduino_uno_pwm.csv", "x.hfxtrack"]),
+        ("SOUND", {"wav"}, ["x.sound_card_8.wav", "x.sound_card_8.wav.channels.json"]),
+    ],
+)
+def test_a_purpose_selects_formats_that_the_proposed_device_plays(
+    small: Any, tmp_path: Path, purpose: str, formats: set[str], files: list[str]
+) -> None:
+    from hfx_blender.operators import export_operator
+
+    chosen = type("Operator", (), {"formats": {"npz"}})()
+    names = list(export_operator._PURPOSES)
+    assert export_operator._purpose(chosen) == len(names), "Other"
+    export_operator._choose_purpose(chosen, names.index(purpose))
+    assert chosen.formats == formats
+    assert export_operator._purpose(chosen) == names.index(purpose)
+    export_operator._choose_purpose(chosen, len(names))
+    assert chosen.formats == formats, "Other keeps the formats"
+    small.hfx.devices.add().name = export_operator._PURPOSES[purpose][3]
+    bpy.ops.hfx.export(filepath=str(tmp_path / "x.hfxtrack"), formats=formats)
+    assert names_in(tmp_path) == sorted([*files, "x.report.json"])
+
+
 def test_devices_that_are_not_ticked_write_nothing(small: Any, tmp_path: Path) -> None:
     for name in ("back_pad", "insoles"):
         small.hfx.devices.add().name = name
