@@ -100,6 +100,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
     """Record the scene's haptic track, and what its devices play, into a folder"""
 
     bl_label = "Export Haptics"
+    bl_options = {"REGISTER", "PRESET"}
 
     filename_ext = ".hfxtrack"
     filter_glob: StringProperty(default="*.hfxtrack", options={"HIDDEN"})

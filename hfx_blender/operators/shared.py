@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import bpy
 from bpy.props import StringProperty
+from bpy_extras.io_utils import ImportHelper
 
 from ..authoring import clips
 from ..authoring.effects import effects, swarms
@@ -151,6 +152,18 @@ class MenuOperator(HfxOperator):
 
         context.window_manager.popup_menu(draw, title=kind.bl_label)
         return {"CANCELLED"}
+
+
+class ImportOperator(HfxOperator, ImportHelper):
+    """Base of operators that read a file: a file dropped on the window, or one of a selector."""
+
+    # Not remembered: a path that is set is a dropped file.
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        if self.properties.is_property_set("filepath"):
+            return self.execute(context)
+        return ImportHelper.invoke(self, context, event)  # type: ignore[no-any-return]
 
 
 class FileOperator(HfxOperator):

@@ -119,7 +119,7 @@ def draw_export_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
 
 
 def draw_import_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator("hfx.import_hjif", text="Haptics (.hjif)")
+    self.layout.operator("hfx.import_hjif", text="Haptics (.hjif, .haptic, .ahap)")
 
 
 def draw_paint_menu(layout: bpy.types.UILayout, text: str = "Paint an Effect") -> None:

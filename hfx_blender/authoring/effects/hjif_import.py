@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Import of HJIF files as painted effects: one per channel, with its envelope as keyframes."""
+"""Import of files of haptics, HJIF or vibration envelopes, as painted effects: one per channel,
+with its envelope as a clip."""
 
 from __future__ import annotations
 
@@ -11,19 +12,20 @@ from urllib.parse import unquote
 import bpy
 import numpy as np
 
-from ...blender import compat
 from ...blender.scene_info import animation_fps
 from ...engine.body.model import load_model
 from ...engine.modality import AMBIENT_NEUTRAL_C, MODALITIES
 from ...errors import InputError
 from ...files.strict_json import read_bytes
+from ...formats.files import format_of, read_signals
 from ...formats.glb import glb
 from ...formats.hjif import hjif_reader
 from ...formats.hjif.body_parts import vertex_masks
 from ...formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
 from ...formats.rasters.signal_raster import TICK_S
 from ...formats.signals.curves import Curve, with_crossings
-from ...formats.signals.signals import Piece, mixed, simplified_signals
+from ...formats.signals.signals import Piece, Signal, mixed, simplified_signals
+from .. import clips
 from . import effects
 
 _MODALITIES = {modality.hjif: name for name, modality in MODALITIES.items()}
@@ -40,18 +42,23 @@ def import_hjif(
 
     Vertices are imported if the file's mesh equals a perceptual model; else the area is the
     channel's body part mask. Without a full scale in the file, the strength of a new effect is full
-    scale.
+    scale. Formats besides HJIF have vibration of no body part.
 
     Returns the effects, the channels and parts of channels without an effect, with reasons, and the
     reader's assumptions. Raises InputError: the file cannot be read; the scene is unchanged.
     """
-    document, tolerated = hjif_reader.decode(read_bytes(path), str(path))
     # All is read before the first effect is added, as an error must leave the scene unchanged.
-    channels = [_with_ticks(envelope) for envelope in envelopes(document, str(path))]
-    own_models = _own_models(document, path.parent)
+    own_models: set[str] = set()
+    if format_of(path).id == "hjif":
+        document, tolerated = hjif_reader.decode(read_bytes(path), str(path))
+        channels = [_with_ticks(envelope) for envelope in envelopes(document, str(path))]
+        own_models, notes = _own_models(document, path.parent), list(tolerated)
+    else:
+        signals, _ = read_signals(path)
+        channels = [_with_ticks(_envelope_of(signal, path.stem)) for signal in signals]
+        notes = [note for signal in signals for note in signal.notes]
     created: list[bpy.types.Object] = []
     left_out: list[str] = []
-    notes = list(tolerated)
     for envelope in channels:
         name, modality = envelope.channel, _MODALITIES.get(envelope.modality)
         left_out += envelope.left_out
@@ -66,6 +73,12 @@ def import_hjif(
             is_own = effects.model_id_for(modality) in own_models
             created += _add_effects(scene, envelope, modality, body, frame, is_own)
     return created, left_out, notes
+
+
+def _envelope_of(signal: Signal, title: str) -> Envelope:
+    """Envelope of a vibration signal without a body part; ``title`` names a nameless channel."""
+    curves = signal.amplitude, signal.frequency_hz, signal.transients
+    return Envelope(VIBRATIONS[0], signal.name or title, 0, (), *curves, None, signal.left_out)
 
 
 def _with_ticks(envelope: Envelope) -> Envelope:
@@ -122,8 +135,8 @@ def _add_effects(
     is_own: bool,
 ) -> list[bpy.types.Object]:
     """Add painted effects for an envelope; returns them, or [] for a strength without a peak. One
-    effect, of a temperature up to two: warmth and cold. Intensity and a varying frequency are
-    animated from ``frame``. ``is_own``: HFX wrote the file, so its vertices are those of a
+    effect, of a temperature up to two: warmth and cold. A clip from ``frame`` on holds the envelope
+    and a varying frequency. ``is_own``: HFX wrote the file, so its vertices are those of a
     model."""
     model = load_model(effects.model_id_for(modality))
     if is_own and envelope.vertices:
@@ -136,7 +149,11 @@ def _add_effects(
     # let each begin where the other ends.
     crossed = with_crossings(envelope.strength, 0.0)
     signs = [1.0, -1.0] if modality == "temperature" else [1.0]
-    created = []
+    created, fps = [], animation_fps(scene)
+
+    def keys(of: Curve) -> list[clips.Key]:
+        return [*zip((of.times_s * fps).tolist(), of.values.tolist(), strict=True)]
+
     for sign in signs:
         curve = Curve(crossed.times_s, np.maximum(sign * crossed.values, 0.0))
         peak = float(curve.values.max())
@@ -150,19 +167,17 @@ def _add_effects(
         else:
             strength = MODALITIES[modality].strength_parameter.prop
             setattr(effect.hfx, strength, peak * (full or getattr(effect.hfx, strength)))
-        _animate(scene, effect, "hfx.intensity", Curve(curve.times_s, curve.values / peak), frame)
+        # In a clip the curves move together, and hold no value before and after.
+        profile, varying = keys(Curve(curve.times_s, curve.values / peak)), {}
         if envelope.frequency_hz is not None:
             effect.hfx.frequency = float(envelope.frequency_hz.values[0])
             if np.ptp(envelope.frequency_hz.values) > 0.0:
-                _animate(scene, effect, "hfx.frequency", envelope.frequency_hz, frame)
+                varying["hfx.frequency"] = keys(envelope.frequency_hz)
+        (start, _), (end, level) = profile[0], profile[-1]
+        if end == start:
+            end += 1.0
+            profile.append((end, level))
+        clip = {"name": envelope.channel, "profile": profile, "curves": varying}
+        clips.add_clip(effect, frame + start, frame + end, **clip)
         created.append(effect)
     return created
-
-
-def _animate(
-    scene: bpy.types.Scene, effect: bpy.types.Object, path: str, curve: Curve, frame: float
-) -> None:
-    """Replace the keyframes of a property by a curve, with time 0 s at ``frame``."""
-    fps = animation_fps(scene)
-    keys = zip((frame + curve.times_s * fps).tolist(), curve.values.tolist(), strict=True)
-    compat.set_keys(compat.own_fcurve(effect, path, ""), keys)

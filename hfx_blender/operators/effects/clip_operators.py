@@ -78,6 +78,7 @@ class _ClipOperator(_OfEffect):
     """Base of operators that add a clip. Stored are a frame and seconds, shown the scene's unit."""
 
     adds_clips = True
+    bl_options = {"REGISTER", "UNDO", "PRESET"}
     last_field: ClassVar[str]
     """Property of the subclass that the dialog shows last."""
 

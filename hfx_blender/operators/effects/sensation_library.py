@@ -10,17 +10,19 @@ from pathlib import Path
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
-from bpy_extras.io_utils import ExportHelper, ImportHelper
+from bpy_extras.io_utils import ExportHelper
 from mathutils import Vector
 
 from ...authoring.effects import effect_file
 from ...errors import HfxError, InputError
 from ...files import kinds, resources
+from ...formats.registry import FORMATS
 from ...text import printable
 from .. import framing
 from ..shared import (
     EnumItems,
     HfxOperator,
+    ImportOperator,
     OnBodyOperator,
     kept_items,
     select_only,
@@ -118,7 +120,7 @@ class HFX_OT_add_from_library(HfxOperator):
         return f"Added '{sensation.name}'"
 
 
-class HFX_OT_load_effects(HfxOperator, ImportHelper):
+class HFX_OT_load_effects(ImportOperator):
     """Add the effects of a file at the current frame"""
 
     bl_label = "Load Effects"
@@ -163,13 +165,19 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
         return f"Saved {len(sensation.effects)} effects to {path.name}"
 
 
-class HFX_OT_import_hjif(OnBodyOperator, ImportHelper):
-    """Add the channels of an MPEG HJIF file as painted effects, from the current frame on"""
+_IMPORTED = [info.suffix for info in FORMATS.values() if info.decode]
+
+
+class HFX_OT_import_hjif(ImportOperator, OnBodyOperator):
+    """Add the channels of a file of haptics (MPEG HJIF, .haptic, AHAP ...) as painted effects, from
+    the current frame on"""
 
     bl_label = "Import Haptics"
 
     filename_ext = ".hjif"
-    filter_glob: StringProperty(default="*.hjif", options={"HIDDEN"})
+    filter_glob: StringProperty(
+        default=";".join(f"*{suffix}" for suffix in _IMPORTED), options={"HIDDEN"}
+    )
 
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.effects import hjif_import
@@ -185,6 +193,29 @@ class HFX_OT_import_hjif(OnBodyOperator, ImportHelper):
         if not objects:
             raise InputError(f"{self.filepath}: has nothing that can become an effect.")
         return f"Added {len(objects)} effects"
+
+
+class _DroppedFile(bpy.types.FileHandler):
+    """Base of handlers of files that are dropped on any area of a window."""
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        return context.area is not None
+
+
+class HFX_FH_effects(_DroppedFile):
+    bl_idname, bl_label = "HFX_FH_effects", "Haptic Effects"
+    bl_import_operator, bl_file_extensions = "hfx.load_effects", kinds.EFFECT_SUFFIX
+
+
+class HFX_FH_path(_DroppedFile):
+    bl_idname, bl_label = "HFX_FH_path", "Haptic Path"
+    bl_import_operator, bl_file_extensions = "hfx.load_path", kinds.PATH_SUFFIX
+
+
+class HFX_FH_haptics(_DroppedFile):
+    bl_idname, bl_label = "HFX_FH_haptics", "Haptics"
+    bl_import_operator, bl_file_extensions = "hfx.import_hjif", ";".join(_IMPORTED)
 
 
 copied_sensation = ""  # no clipboard in background mode

@@ -16,7 +16,7 @@ from bpy.props import (
     IntProperty,
     StringProperty,
 )
-from bpy_extras.io_utils import ExportHelper, ImportHelper
+from bpy_extras.io_utils import ExportHelper
 
 from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
@@ -26,6 +26,7 @@ from ...files import kinds
 from ..shared import (
     EnumItems,
     HfxOperator,
+    ImportOperator,
     OnBodyOperator,
     active_effect,
     kept_items,
@@ -223,11 +224,11 @@ class HFX_OT_path_from_library(HfxOperator):
         return _apply(context, path_file.load_library(self.name))
 
 
-class HFX_OT_load_path(HfxOperator, ImportHelper):
-    """Load a path file, with its motion if included"""
+class HFX_OT_load_path(ImportOperator, OnBodyOperator):
+    """Load a path file, with its motion if included, for the active point or a new point on the
+    skin"""
 
     bl_label = "Load Path"
-    requires = (ON_SPOT,)
 
     filename_ext = kinds.PATH_SUFFIX
     filter_glob: StringProperty(default=f"*{kinds.PATH_SUFFIX}", options={"HIDDEN"})
@@ -235,7 +236,10 @@ class HFX_OT_load_path(HfxOperator, ImportHelper):
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.paths import path_file
 
-        return _apply(context, path_file.load(Path(self.filepath)))
+        recipe = path_file.load(Path(self.filepath))
+        if active_spot(context) is None:
+            bpy.ops.hfx.add_spot()
+        return _apply(context, recipe)
 
 
 class HFX_OT_save_path(PathOperator, ExportHelper):

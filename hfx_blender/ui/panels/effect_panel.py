@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import bpy
+from bl_operators.presets import AddPresetBase
+from bl_ui.utils import PresetPanel
 
 from ...authoring import responses
 from ...authoring.effects import effects
 from ...authoring.painting import PAINTED_EFFECT, canvas_of
 from ...authoring.paths import paths
 from ...authoring.surfaces import surfaces
+from ...blender.events import push_undo_soon
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...operators.effects.effect_operators import active_vector, active_volume
@@ -33,6 +36,10 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
 
     bl_label = "Haptic Effect"
     bl_order = 1
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        if context.object.hfx.role == "EFFECT":
+            HFX_PT_effect_presets.draw_panel_header(self.layout)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -78,6 +85,45 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             layout.prop(hfx, "body")
             if effects.body_in(context.scene, effect) is None:
                 draw_moving(context, layout, "ACTIVE")
+
+
+class _Presets:
+    """Presets of the parameters of a modality, in Blender's preset system."""
+
+    @property
+    def preset_subdir(self) -> str:
+        """Folder below Blender's folder of presets."""
+        return f"hfx_haptics/{bpy.context.object.hfx.modality}"
+
+
+class HFX_PT_effect_presets(_Presets, PresetPanel, bpy.types.Panel):
+    """Presets of the effect's parameters"""
+
+    bl_label = "Effect Presets"
+    preset_operator = "script.execute_preset"
+    preset_add_operator = "hfx.effect_preset"
+
+    @staticmethod
+    def post_cb(_context: bpy.types.Context, _file: str) -> None:
+        """Push an undo step, which Blender's operator of presets does not."""
+        push_undo_soon()
+
+
+class HFX_OT_effect_preset(_Presets, AddPresetBase, bpy.types.Operator):
+    """Add or remove a preset of the effect's parameters"""
+
+    bl_idname = "hfx.effect_preset"
+    bl_label = "Effect Preset"
+    preset_menu = "HFX_PT_effect_presets"
+    preset_defines = ("hfx = bpy.context.object.hfx",)
+
+    @property
+    def preset_values(self) -> list[str]:
+        """Stored properties: parameters of the modality, intensity and falloff."""
+        controls = MODALITIES[bpy.context.object.hfx.modality].controls
+        names = [control.prop for control in controls]
+        names += ["intensity", "temperature_reference", "falloff", "falloff_share"]
+        return [f"hfx.{name}" for name in names]
 
 
 def _draw_falloff(layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup) -> None:

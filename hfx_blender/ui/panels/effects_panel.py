@@ -94,7 +94,8 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
             if list_rows.active_group():
                 row = layout.row(align=True)
                 row.prop(manager, "hfx_group_gain", text="Gain", slider=True)
-                row.prop(manager, "hfx_group_start", text="Start")
+                if any(clips.strips_of(member) for member in list_rows.active_group()):
+                    row.prop(manager, "hfx_group_start", text="Start")
         if effects.effects_without_body(context.scene):
             draw_moving(context, layout, "GONE")
         elif context.window_manager.hfx_preview and listed:

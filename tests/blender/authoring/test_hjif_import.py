@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ def test_what_was_exported_is_felt_again(
     vertices, _ = effects.area(bpy.data.objects["Touch"])
     for effect in effects.effects_of(scene):
         effect.hfx.is_muted = True
+    scene.frame_set(scene.frame_start)
     assert bpy.ops.hfx.import_hjif(filepath=str(tmp_path / "first.hjif")) == {"FINISHED"}
     touch = bpy.data.objects["Touch.001"]
     assert effects.area(touch)[0] == vertices
@@ -58,3 +60,93 @@ def test_a_broken_file_adds_nothing(registered: Any, tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="HJIF-MISSING"):
         bpy.ops.hfx.import_hjif(filepath=str(tmp_path / "x.hjif"))
     assert len(effects.effects_of(scene)) == 2
+
+
+def _ahap(amplitude: float) -> str:
+    """A continuous event of two seconds, as Apple's documentation writes it."""
+    parameters = [
+        {"ParameterID": "HapticIntensity", "ParameterValue": amplitude},
+        {"ParameterID": "HapticSharpness", "ParameterValue": 0.5},
+    ]
+    event = {
+        "Time": 0.0,
+        "EventType": "HapticContinuous",
+        "EventDuration": 2.0,
+        "EventParameters": parameters,
+    }
+    return json.dumps({"Version": 1.0, "Pattern": [{"Event": event}]})
+
+
+def _haptic(amplitude: float) -> str:
+    """A clip of Meta's format of two seconds with a constant envelope."""
+
+    def points(name: str, value: float) -> list[dict[str, float]]:
+        return [{"time": time, name: value} for time in (0.0, 2.0)]
+
+    envelopes = {"amplitude": points("amplitude", amplitude), "frequency": points("frequency", 0.5)}
+    return json.dumps(
+        {
+            "version": {"major": 1, "minor": 0, "patch": 0},
+            "metadata": {},
+            "signals": {"continuous": {"envelopes": envelopes}},
+        }
+    )
+
+
+@pytest.mark.parametrize(("suffix", "text_of"), [("ahap", _ahap), ("haptic", _haptic)])
+def test_vibration_of_other_formats_is_felt_on_the_whole_body(
+    registered: Any, tmp_path: Path, suffix: str, text_of: Any
+) -> None:
+    """Intensity .5 of the default amplitude, from the current frame on for two seconds."""
+    scene = small_scene()
+    scene.frame_end, scene.render.fps = 100, 24
+    for effect in effects.effects_of(scene):
+        effect.hfx.is_muted = True
+    default = scene.objects["Ball"].hfx.bl_rna.properties["amplitude"].default
+    scene.frame_set(25)
+    path = tmp_path / f"buzz.{suffix}"
+    path.write_text(text_of(0.5))
+    assert bpy.ops.hfx.import_hjif(filepath=str(path)) == {"FINISHED"}
+    (created,) = (effect for effect in effects.effects_of(scene) if not effect.hfx.is_muted)
+    assert created.hfx.modality == "vibration"
+    assert created.hfx.amplitude == pytest.approx(0.5 * default, rel=1e-3)
+    assert len(effects.area(created)[0]) == len(effects.model_of(created))
+    (samples,) = export_scene(scene, tmp_path, "x", ExportSettings(("track",))).felt
+    start = (25 - scene.frame_start) / 24
+    assert samples["first_s"] == pytest.approx(start, abs=0.05)
+    assert samples["seconds"] == pytest.approx(2.0, abs=0.1)
+
+
+def test_files_dropped_on_a_window_are_imported(registered: Any, tmp_path: Path) -> None:
+    handlers = [
+        handler for handler in bpy.types.FileHandler.__subclasses__() if "hfx" in handler.__module__
+    ]
+    by_suffix = {
+        suffix: handler.bl_import_operator
+        for base in handlers
+        for handler in base.__subclasses__()
+        for suffix in handler.bl_file_extensions.split(";")
+    }
+    for suffix, operator in {
+        ".hfxeffect": "hfx.load_effects",
+        ".hfxpath": "hfx.load_path",
+        ".hjif": "hfx.import_hjif",
+        ".haptic": "hfx.import_hjif",
+        ".ahap": "hfx.import_hjif",
+    }.items():
+        assert by_suffix[suffix] == operator
+        options = getattr(bpy.ops.hfx, operator.removeprefix("hfx.")).get_rna_type()
+        assert options.properties["filepath"].is_skip_save, "or a menu would take the last file"
+
+
+def test_a_dropped_path_needs_no_point(scene: Any, tmp_path: Path) -> None:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_spot()
+    bpy.ops.hfx.path_from_library(name="circle_chest")
+    file = tmp_path / "circle.hfxpath"
+    bpy.ops.hfx.save_path(filepath=str(file))
+    bpy.ops.hfx.remove_effects()
+    assert not effects.effects_of(scene)
+    bpy.ops.hfx.load_path(filepath=str(file))
+    (spot,) = effects.effects_of(scene)
+    assert spot.hfx.kind == "SPOT" and len(spot["hfx_path"]) > 10

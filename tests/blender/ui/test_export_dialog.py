@@ -119,7 +119,7 @@ def test_what_is_greyed_out_has_a_reason() -> None:
     ("purpose", "formats", "files"),
     [
         ("GAME", {"clip"}, ["x.hfxclip"]),
-        ("PHONE", {"ahap", "he"}, ["x.phone_wide_band.main.ahap", "x.phone_wide_band.main.he"]),
+        ("PHONE", {"ahap", "he"}, ["x.phone_wide_band.phone.ahap", "x.phone_wide_band.phone.he"]),
         ("BHAPTICS", {"tact"}, ["x.bhaptics_tactsuit_x40.tact"]),
         ("HARDWARE", {"track", "csv"}, ["x.arduino_uno_pwm.csv", "x.hfxtrack"]),
         ("SOUND", {"wav"}, ["x.sound_card_8.wav", "x.sound_card_8.wav.channels.json"]),

@@ -57,6 +57,13 @@ class RealInput:
     def text(self, text: str) -> Iterator[float]:
         yield from self._call("type", "--delay", "40", text)
 
+    def hold(self, modifier: str) -> Iterator[float]:
+        """Hold a modifier key down, for clicks, until :meth:`let_go`."""
+        yield from self._call("keydown", modifier)
+
+    def let_go(self, modifier: str) -> Iterator[float]:
+        yield from self._call("keyup", modifier)
+
     @staticmethod
     def _call(*arguments: str) -> Iterator[float]:
         process = subprocess.Popen(["xdotool", *arguments])
@@ -75,6 +82,7 @@ class SimulatedInput:
     def __init__(self, window: Any) -> None:
         self._window = window
         self._at = (0, 0)
+        self._held: dict[str, bool] = {}
 
     def move(self, x: float, y: float) -> Iterator[float]:
         self._at = (round(x), self._window.height - round(y))
@@ -104,8 +112,17 @@ class SimulatedInput:
         for letter in text:
             yield from self.key(letter)
 
+    def hold(self, modifier: str) -> Iterator[float]:
+        self._held[modifier] = True
+        yield 0.03
+
+    def let_go(self, modifier: str) -> Iterator[float]:
+        del self._held[modifier]
+        yield 0.03
+
     def _event(self, kind: str, value: str, **options: Any) -> Iterator[float]:
         x, y = self._at
+        options = {**self._held, **options}
         if value == "PRESS" and options.get("unicode"):
             options["unicode"] = options["unicode"] or None
         else:
