@@ -25,6 +25,7 @@ _MARGIN = 10.0
 _TALLEST = 0.45  # of the chart, as a share of the viewport
 _TEXT = (0.92, 0.92, 0.92, 1.0)
 _PLAYHEAD = (0.28, 0.45, 0.7, 1.0)  # as in Blender's timeline
+_TICK = (1.0, 1.0, 1.0, 0.15)
 
 
 def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
@@ -207,13 +208,13 @@ class ChartDrawing:
         self._batches: list[object] = []
 
     def draw(self, left: float, frame: float, fresh: bool, note: str) -> None:
-        """Draw the chart at the lower end of a viewport, ``left`` in pixels, with the playhead at a
-        frame and a note above, if any. Labels are dimmed unless ``fresh``."""
+        """Draw the chart and the time axis at the lower end of a viewport, ``left`` in pixels, with
+        the playhead at a frame and a note above, if any. Labels are dimmed unless ``fresh``."""
         import blf
         import gpu
         from gpu_extras.batch import batch_for_shader
 
-        from ..timeline.value_chart import background
+        from ..timeline.value_chart import background, ticks
 
         chart = self.chart
         shader = gpu.shader.from_builtin("SMOOTH_COLOR")
@@ -224,29 +225,35 @@ class ChartDrawing:
                 if len(positions):
                     content = {"pos": positions, "color": colours}
                     self._batches.append(batch_for_shader(shader, "TRIS", content))
-        x = chart.x_of(frame)
+        half = max(scale, 1.0)
+        marks = ticks(bpy.context.scene, chart, scale)
+        lines = [(x, 0.5, _TICK) for x, _ in marks] + [(chart.x_of(frame), half, _PLAYHEAD)]
         gpu.state.blend_set("ALPHA")
         with gpu.matrix.push_pop():
             gpu.matrix.translate((left, _MARGIN))
             for batch in self._batches:
                 batch.draw(shader)
-            half = max(scale, 1.0)
-            # Lines have one pixel on some cards, so the playhead is a strip.
-            line = [(x + side, y) for y in (0.0, chart.height) for side in (-half, half)]
-            content = {"pos": line, "color": [_PLAYHEAD] * 4}
-            batch_for_shader(shader, "TRI_STRIP", content).draw(shader)
+            for x, wide, colour in lines:
+                if 0.0 <= x <= chart.width:
+                    # Lines have one pixel on some cards, so the playhead is a strip.
+                    line = [(x + side, y) for y in (0.0, chart.height) for side in (-wide, wide)]
+                    content = {"pos": line, "color": [colour] * 4}
+                    batch_for_shader(shader, "TRI_STRIP", content).draw(shader)
         blf.size(0, 11.0 * scale)
         blf.color(0, *_TEXT[:3], 1.0 if fresh else 0.5)
+        blf.enable(0, blf.SHADOW)  # texts are drawn over the curves
+        blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
         for label in chart.labels:
-            room = chart.width if label.values is None else chart.left - 70 * scale
-            _write(label.text, left + label.left, _MARGIN + label.bottom, room - label.left)
+            text = label.text
             if label.values is not None:
                 index = min(max(int(np.searchsorted(chart.times, frame)), 0), len(label.values) - 1)
-                text = f"{label.values[index]:.1f} {label.unit}"
-                wide = blf.dimensions(0, text)[0]
-                _write(text, left + chart.left - 6 * scale - wide, _MARGIN + label.bottom, wide + 2)
+                text = f"{text}   {label.values[index]:.1f} {label.unit}"
+            _write(text, left + label.left, _MARGIN + label.bottom, chart.width - label.left)
+        for x, text in marks:
+            _write(text, left + x + 3 * scale, _MARGIN + 4 * scale, chart.width - x)
         if note:
-            _write(note, left + chart.left, _MARGIN + chart.height + 4 * scale, chart.width)
+            _write(note, left, _MARGIN + chart.height + 4 * scale, chart.width)
+        blf.disable(0, blf.SHADOW)
         gpu.state.blend_set("NONE")
 
 
@@ -278,7 +285,9 @@ class ChartView:
             note = recorder.fault or "Values over time: nothing is felt yet"
             _write(note, left, _MARGIN, 10_000.0)
             return
-        shown = self._chart_of(record, scene.hfx.palette, right - left, _TALLEST * region.height)
+        frames = _timeline_frames(context, region.x + left, region.x + right)
+        size = right - left, _TALLEST * region.height
+        shown = self._chart_of(record, scene.hfx.palette, size, frames)
         note = "; ".join(record.notes)
         if recorder.must_step:
             note = "Not up to date: press Update Values"
@@ -287,20 +296,40 @@ class ChartView:
         shown.draw(left, scene.frame_current_final, recorder.is_fresh, note)
 
     def _chart_of(
-        self, record: TimelineRecord, palette: str, width: float, height: float
+        self,
+        record: TimelineRecord,
+        palette: str,
+        size: tuple[float, float],
+        frames: tuple[float, float] | None,
     ) -> ChartDrawing:
         from ...engine.colouring import PALETTES
         from ..timeline import value_chart
 
         colours, scale = PALETTES[palette], bpy.context.preferences.system.ui_scale
         # Viewports of different sizes keep charts of different sizes.
-        key = (id(record), *colours.values(), width, height, scale)
+        key = (id(record), *colours.values(), size, frames, scale)
         if key not in self._charts:
             if len(self._charts) > 8:
                 self._charts.clear()
-            chart = value_chart.chart(record, colours, width, height, scale)
+            chart = value_chart.chart(record, colours, *size, scale, frames)
             self._charts[key] = ChartDrawing(chart)
         return self._charts[key]
+
+
+def _timeline_frames(
+    context: bpy.types.Context, left: float, right: float
+) -> tuple[float, float] | None:
+    """Frames that the widest timeline (else NLA Editor) of a window shows above or below the window
+    pixels ``left`` and ``right``; None without such an editor."""
+    areas = context.screen.areas
+    editors = [area for area in areas if area.ui_type == "TIMELINE"]
+    editors = editors or [area for area in areas if area.type == "NLA_EDITOR"]
+    if not editors:
+        return None
+    widest = max(editors, key=lambda area: area.width)
+    region = next(region for region in widest.regions if region.type == "WINDOW")
+    first, last = (region.view2d.region_to_view(x - region.x, 0.0)[0] for x in (left, right))
+    return (first, last) if first < last else None
 
 
 def _write(text: str, x: float, y: float, width: float) -> None:

@@ -13,6 +13,7 @@ import bpy
 
 from ...authoring import clips
 from ...authoring.effects import effects, swarms
+from ...blender import events
 
 _log = logging.getLogger(__name__)
 
@@ -132,6 +133,7 @@ class TimelineClips:
     def __init__(self) -> None:
         self.has_failed = False  # True after an exception; drawing stops then
         self._handle: object = None
+        self._view: tuple[float, float] | None = None  # first and last frame
 
     def begin_drawing(self) -> None:
         """Draw into all timelines from now on."""
@@ -149,6 +151,12 @@ class TimelineClips:
         if context.space_data.mode != "TIMELINE" or self.has_failed:
             return
         try:
+            view2d, width = context.region.view2d, context.region.width
+            view = tuple(view2d.region_to_view(x, 0.0)[0] for x in (0.0, width))
+            if view != self._view:
+                # The time axis of the values in viewports is that of the timeline.
+                self._view = view
+                events.redraw("VIEW_3D")
             rows = shown_rows(context)
             if rows:
                 _draw_rows(context, rows)

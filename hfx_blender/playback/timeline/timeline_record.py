@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from math import floor
 from operator import itemgetter
+from typing import Any
 
 import bpy
 import numpy as np
@@ -111,11 +112,15 @@ class TimelineRecord:
                 rows[key] = effect
         return list(rows.values())
 
+    def position(self, frames: Any) -> Any:
+        """Indices of samples, with fractions, at frames: numbers or arrays."""
+        return (frames - self._first) * self._per_frame
+
     def index(self, frame: float) -> int | None:
         """Index of the sample nearest to a frame; None more than a sample outside of the
         timeline."""
         # A sample more than the ends: frame `last + 0.9` still belongs to the last frame's sample.
-        position, last = (frame - self._first) * self._per_frame, len(self.frames) - 1
+        position, last = self.position(frame), len(self.frames) - 1
         return min(max(round(position), 0), last) if -1.0 <= position <= last + 1.0 else None
 
     def runs(self, index: int) -> list[SampleRun] | None:

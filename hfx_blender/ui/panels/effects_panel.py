@@ -14,7 +14,7 @@ from ...operators.shared import active_armature, active_effect
 from ...playback.preview.preview import preview
 from ..menus import draw_first_step, draw_paint_menu
 from ..sidebar import HfxPanel, draw_text
-from . import list_rows
+from . import list_rows, waveforms
 
 _LEAST_ROWS, _MOST_ROWS = 3, 10  # height of the list of effects
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
@@ -132,9 +132,10 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
         layout.row().prop(context.scene.hfx, "time_unit", expand=True)
         # A check of the scene rebuilds the rows after this drawing: their number may differ here.
-        for (_, strip), times in zip(strips, context.window_manager.hfx_clips, strict=False):
+        rows = zip(strips, context.window_manager.hfx_clips, strict=False)
+        for number, ((_, strip), times) in enumerate(rows):
             box = layout.box()
-            _draw_clip(box, strip, times)
+            _draw_clip(box, strip, times, waveforms.icon(context, effect, strip, number))
             outside = clips.outside_scene(context.scene, strip)
             if outside is not None:
                 column = box.column()
@@ -142,29 +143,33 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
                 draw_text(context, column, _OUTSIDE[outside], "ERROR")
                 box.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ACTIVE"
         if not strips:
-            layout.label(text="No clips: on for the whole timeline", icon="INFO")
+            row = layout.row()
+            row.template_icon(waveforms.icon(context, effect, None), scale=2.0)
+            row.label(text="No clips: on for the whole timeline", icon="INFO")
 
 
 def _draw_clip(
     box: bpy.types.UILayout,
     strip: bpy.types.NlaStrip,
     times: bpy.types.PropertyGroup,
+    waveform: int,
 ) -> None:
     row = box.row(align=True)
     row.prop(strip, "name", text="")
     row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
     row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
     row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
-    row = box.row(align=True)
-    row.prop(times, "start", text="Start")
-    row.prop(times, "end", text="End")
-    column = box.column(align=True)
+    row = box.row()
+    row.template_icon(waveform, scale=4.0)
+    column = row.column(align=True)
+    column.prop(times, "start", text="Start")
+    column.prop(times, "end", text="End")
     if strip.use_animated_influence:
         column.prop(strip, "use_animated_influence", text="Fades Drawn as a Curve")
     else:
         column.prop(times, "fade_in")
         column.prop(times, "fade_out")
-    column.prop(strip, "repeat", text="Repeat")
+    box.prop(strip, "repeat", text="Repeat")
 
 
 class HFX_PT_export(HfxPanel, bpy.types.Panel):

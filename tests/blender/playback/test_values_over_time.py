@@ -174,7 +174,9 @@ def test_a_chart_has_a_row_for_each_effect_and_actuator_that_fits(squeeze: Any, 
     assert wide.labels[0].text == "Squeeze"
     assert wide.hidden == 0 and wide.height <= 400.0
     assert wide.positions[:, 0].max() <= 600.0 and wide.positions[:, 1].min() >= 0.0
-    assert wide.x_of(0) == wide.left and wide.x_of(48) == wide.width
+    first, last = wide.frames
+    assert (first, last) == (scene.frame_start, scene.frame_end + 1)
+    assert (wide.x_of(first), wide.x_of(last)) == (0.0, 600.0)
     squeeze.hfx.group = "Hug"
     second = effects.duplicate(squeeze)
     second.hfx.group, second.hfx.pressure = "Hug", 2.0 * squeeze.hfx.pressure
@@ -182,12 +184,35 @@ def test_a_chart_has_a_row_for_each_effect_and_actuator_that_fits(squeeze: Any, 
     assert (hug.name, rest) == ("Hug", [])
     assert hug.values.max() == 2.0 * squeeze.hfx.pressure, "the stronger of both"
     small = value_chart.chart(actual, PAPER, 600.0, 60.0)
-    assert small.hidden == 32 - (60 - 4 - 26 - 16) // 5
+    assert small.hidden == 32  # the axis, the effect and the name of the device fill 60 pixels
     # Box of the curve: from frame 10 to frame 20, as high as the curve's share of full scale.
     green = np.isclose(wide.colours[:, 1], PAPER["pressure"][1], atol=0.01)
     curve = wide.positions[green & (wide.positions[:, 1] > wide.height - 30)]
     assert curve[:, 0].min() == pytest.approx(wide.x_of(10), abs=wide.width / 48)
     assert curve[:, 0].max() == pytest.approx(wide.x_of(21), abs=wide.width / 48)
+
+
+def test_the_time_axis_of_the_chart_is_that_of_the_timeline(squeeze: Any, scene: Any) -> None:
+    # 10 pixels a frame, of frames -2 to 22: the curve begins at frame 10, as far as it is seen.
+    chart = value_chart.chart(whole(scene), PAPER, 240.0, 400.0, frames=(-2.0, 22.0))
+    green = np.isclose(chart.colours[:, 1], PAPER["pressure"][1], atol=0.01)
+    curve = chart.positions[green & (chart.positions[:, 1] > chart.height - 30)]
+    assert (curve[:, 0].min(), curve[:, 0].max()) == (120.0, pytest.approx(230.0, abs=1.0))
+    # No two marks are nearer than 80 pixels: every tenth frame.
+    assert value_chart.ticks(scene, chart) == [(20.0, "0"), (120.0, "10"), (220.0, "20")]
+    scene.hfx.time_unit, scene.frame_start, scene.render.fps = "SECONDS", 1, 24
+    # 12 frames are half a second; the scene's first frame is 0 s.
+    marks = [(30.0, "0 s"), (150.0, "0.5 s")]
+    assert value_chart.ticks(scene, chart) == [pytest.approx(mark) for mark in marks]
+
+
+def test_an_impact_between_columns_of_the_chart_stays_visible() -> None:
+    values = np.array([0.0, 0.0, 0.0, -5.0, 0.0, 2.0])
+    columns = value_chart._columns(values, np.array([-2.0, 0.0, 3.0, 5.0, 6.0, 9.0]))
+    assert columns.tolist() == [0.0, 0.0, -5.0, 2.0, 0.0]
+    # Half a sample in each column.
+    halves = value_chart._columns(values, np.array([4.5, 5.0, 5.5]))
+    assert halves.tolist() == [0.0, 2.0]
 
 
 def test_what_follows_from_no_curve_is_stepped_only_when_asked_for(

@@ -150,6 +150,9 @@ class Layout:
         assert properties.bl_rna.properties[name].type == "ENUM"
         return properties
 
+    def template_icon(self, icon_value: int, *, scale: float) -> None:
+        self.shown.append("template_icon")
+
     def menu(self, idname: str, *, text: str = "", icon: str = "NONE") -> None:
         assert hasattr(bpy.types, idname)
         self._show(idname, icon)
@@ -290,6 +293,7 @@ def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None
     list_rows.refresh()
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
     assert {"start", "end", "fade_in", "fade_out", "repeat", "hfx.remove_clip"} <= set(shown)
+    assert shown.count("template_icon") == 1
 
 
 def test_the_export_panel_and_the_menus(scene: Any) -> None:

@@ -57,6 +57,17 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.go_to(h, 60)
     yield 1.0
     h.shot("4_later.png")
+    scene.hfx.time_unit = "SECONDS"
+    marked = h.shot("4_seconds.png")
+    line = hands.timeline(h)
+    with bpy.context.temp_override(window=h.window, area=line, region=line.regions[-1]):
+        bpy.ops.action.view_all()  # all keyframes of the selected effect: a part of the scene
+    yield 1.0
+    moved = h.shot("4_zoomed.png")
+    x, y = (round(end) for end in h.xy(h.region(), 0.4, 0.05))
+    part = slice(y - 60, y), slice(x - 200, x + 200)
+    h.check((marked[part] != moved[part]).any(), "the time axis follows the timeline's view")
+    scene.hfx.time_unit = "FRAMES"
     yield from h.move(*h.xy(h.region(), 0.3, 0.8))
     yield from h.key("space")
     yield 3.0
