@@ -9,27 +9,6 @@
 extern "C" {
 #endif
 
-/* The model of a body that an effect is felt on; HFX_NONE: there is none. */
-static inline uint32_t hfx_model_of(const hfx_clip *clip, uint32_t body,
-                                    const unsigned char *effect) {
-  const unsigned char *at = hfx_record(clip, HFX_BODY, body);
-  const uint32_t of = hfx_u32(effect + 12);
-  uint32_t k;
-  if (of != HFX_NONE && of != body) return HFX_NONE;
-  for (k = hfx_u32(at + 12); k < hfx_u32(at + 12) + hfx_u32(at + 16); k++)
-    if (hfx_same(hfx_text(clip, hfx_record(clip, HFX_MODL, k)), hfx_text(clip, effect + 16)))
-      return k;
-  return HFX_NONE;
-}
-
-static inline uint32_t hfx_vertices_of(const hfx_clip *clip, uint32_t model) {
-  return model == HFX_NONE ? 0 : hfx_u32(hfx_record(clip, HFX_MODL, model) + 16);
-}
-
-static inline uint32_t hfx_chunks_of(const hfx_clip *clip, uint32_t model) {
-  return hfx_chunk_count(hfx_vertices_of(clip, model));
-}
-
 /* The chunk of a body where those of a model begin. */
 static inline uint32_t hfx_first_chunk(const hfx_clip *clip, uint32_t body, uint32_t model) {
   uint32_t k, sum = 0;
@@ -40,11 +19,11 @@ static inline uint32_t hfx_first_chunk(const hfx_clip *clip, uint32_t body, uint
 }
 
 /* Number of chunks whose weights impacts of an effect hold; 0 without a filter for impacts. */
-static inline uint32_t hfx_held_of(const hfx_clip *clip, uint32_t model,
+static inline uint32_t hfx_held_of(const hfx_clip *clip, uint32_t model, const hfx_clip *effects,
                                    const unsigned char *effect) {
   uint32_t i;
   for (i = 0; i < hfx_u32(effect + 64); i++)
-    if (hfx_u32(hfx_record(clip, HFX_FLTR, hfx_u32(effect + 60) + i)) == HFX_IMPACT)
+    if (hfx_u32(hfx_record(effects, HFX_FLTR, hfx_u32(effect + 60) + i)) == HFX_IMPACT)
       return HFX_IMPACTS * hfx_chunks_of(clip, model);
   return 0;
 }
@@ -77,7 +56,7 @@ static inline int hfx_is_reaction_of(const hfx_clip *clip, uint32_t body,
 #define HFX_PARTS 16 /* of a body's memory */
 
 /* Parts of a body's memory, in bytes; their sum. */
-static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body,
+static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, const hfx_clip *effects,
                                     uint64_t parts[HFX_PARTS]) {
   const unsigned char *at = hfx_record(clip, HFX_BODY, body);
   const uint64_t bones = hfx_u32(at + 8), reactions = clip->parts[HFX_REAC].count;
@@ -93,14 +72,14 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body,
     const unsigned char *reaction = hfx_record(clip, HFX_REAC, k);
     if (hfx_is_reaction_of(clip, body, reaction)) reaches += hfx_find_reaches(clip, reaction, NULL);
   }
-  for (k = 0; k < hfx_clip_effects(clip); k++) {
-    const unsigned char *effect = hfx_record(clip, HFX_EFCT, k);
-    const uint32_t model = hfx_model_of(clip, body, effect);
+  for (k = 0; k < hfx_clip_effects(effects); k++) {
+    const unsigned char *effect = hfx_record(effects, HFX_EFCT, k);
+    const uint32_t model = hfx_model_of(clip, body, effects, effect);
     weights += hfx_chunks_of(clip, model);
-    held += hfx_held_of(clip, model, effect);
+    held += hfx_held_of(clip, model, effects, effect);
   }
   parts[0] = 2 * sizeof(hfx_lanes) * (bones + 1);
-  parts[1] = sizeof(hfx_felt) * (uint64_t)hfx_clip_effects(clip);
+  parts[1] = sizeof(hfx_felt) * (uint64_t)hfx_clip_effects(effects) + sizeof(hfx_clip);
   parts[2] = sizeof(hfx_reaction) * reactions;
   parts[3] = sizeof(hfx_reach) * reaches;
   parts[4] = parts[5] = sizeof(hfx_chunk) * chunks;
@@ -118,22 +97,27 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body,
   return sum;
 }
 
-HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body) {
+HFX_API size_t hfx_body_effects_bytes(const hfx_clip *clip, uint32_t body,
+                                      const hfx_clip *effects) {
   uint64_t parts[HFX_PARTS], sum;
   if (body >= hfx_clip_bodies(clip)) return 0;
-  sum = hfx_parts_of(clip, body, parts) + 1;
+  sum = hfx_parts_of(clip, body, effects, parts) + 1;
   return sum < (uint64_t)(size_t)-1 ? (size_t)sum : 0;
+}
+
+HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body) {
+  return hfx_body_effects_bytes(clip, body, clip);
 }
 
 /* Sets up an effect on a body, off, in memory of zeros; where its weights end. */
 static inline float *hfx_begin_felt(const hfx_body *self, hfx_felt *felt, uint32_t effect,
                                     float *weights) {
   uint32_t chunks, held;
-  felt->effect = hfx_record(&self->clip, HFX_EFCT, effect);
-  felt->model = hfx_model_of(&self->clip, self->body, felt->effect);
+  felt->effect = hfx_record(self->effects, HFX_EFCT, effect);
+  felt->model = hfx_model_of(&self->clip, self->body, self->effects, felt->effect);
   felt->first_chunk = hfx_first_chunk(&self->clip, self->body, felt->model);
   chunks = hfx_chunks_of(&self->clip, felt->model);
-  held = hfx_held_of(&self->clip, felt->model, felt->effect);
+  held = hfx_held_of(&self->clip, felt->model, self->effects, felt->effect);
   felt->weights = weights;
   felt->peaks = felt->weights + HFX_CHUNK * (size_t)chunks;
   felt->held = felt->peaks + chunks;
@@ -141,19 +125,6 @@ static inline float *hfx_begin_felt(const hfx_body *self, hfx_felt *felt, uint32
   hfx_floats(felt->effect + 40, 4, felt->parameters);
   hfx_floats(felt->effect + 76, 12, felt->matrix);
   return felt->held_peaks + held;
-}
-
-/* Sets the weights of a painted area. */
-static inline void hfx_paint(const hfx_body *self, hfx_felt *felt) {
-  const uint32_t count = hfx_u32(felt->effect + 72);
-  uint32_t k;
-  for (k = 0; k < count; k++) {
-    const unsigned char *at = hfx_record(&self->clip, HFX_PNTD, hfx_u32(felt->effect + 68) + k);
-    if (hfx_u32(at) >= hfx_vertices_of(&self->clip, felt->model)) continue;
-    felt->weights[hfx_u32(at)] = hfx_f32(at + 4);
-    felt->peaks[hfx_u32(at) / HFX_CHUNK] = 1.0f; /* or less */
-  }
-  felt->to = count ? hfx_chunks_of(&self->clip, felt->model) : 0;
 }
 
 /* Reads what actuators reach, into memory of zeros. */
@@ -168,20 +139,26 @@ static inline void hfx_read_reactions(hfx_body *self) {
   }
 }
 
-HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, void *memory,
-                          size_t size) {
+HFX_API int hfx_body_open_effects(hfx_body *self, const hfx_clip *clip, uint32_t body,
+                                  const hfx_clip *effects, void *memory, size_t size) {
   unsigned char *at = (unsigned char *)memory;
   uint64_t parts[HFX_PARTS], i;
   uint32_t k;
   float *weights;
+  hfx_clip *copy;
   self->clip = *clip;
+  self->effects = NULL;
   self->body = HFX_NONE;
   self->felt = self->last = self->recent = NULL;
   if (body >= hfx_clip_bodies(clip)) return HFX_ERROR_INDEX;
-  if (!memory || hfx_parts_of(clip, body, parts) > size) return HFX_ERROR_MEMORY;
+  if (!memory || hfx_parts_of(clip, body, effects, parts) > size) return HFX_ERROR_MEMORY;
   for (i = 0; i < size; i++) at[i] = 0;
   self->pose = (hfx_lanes *)memory;
   self->felt = (hfx_felt *)(void *)(at += parts[0]);
+  copy = (hfx_clip *)(void *)(self->felt + hfx_clip_effects(effects));
+  if (!hfx_clip_effects(effects)) self->felt = NULL;
+  *copy = *effects;
+  self->effects = copy;
   self->reactions = (hfx_reaction *)(void *)(at += parts[1]);
   self->reaches = (hfx_reach *)(void *)(at += parts[2]);
   self->places = (hfx_chunk *)(void *)(at += parts[3]);
@@ -204,10 +181,10 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
   hfx_read_skin(self);
   hfx_find_bone_extents(self);
   hfx_read_reactions(self);
-  for (k = 0; k < hfx_clip_effects(clip); k++) {
+  for (k = 0; k < hfx_clip_effects(effects); k++) {
     hfx_felt *felt = &self->felt[k];
     weights = hfx_begin_felt(self, felt, k, weights);
-    if (hfx_u32(felt->effect + 4)) hfx_paint(self, felt);
+    if (hfx_u32(felt->effect + 4)) hfx_paint(self, felt, 0.0, 0.0, 1.0);
     else felt->level = hfx_f32(felt->effect + 36);
     felt->number = k;
     if (self->last) self->last->next = felt;
@@ -217,21 +194,32 @@ HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, v
   return 0;
 }
 
-HFX_API size_t hfx_body_volume_bytes(const hfx_clip *clip, uint32_t body, uint32_t effect) {
+HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, void *memory,
+                          size_t size) {
+  return hfx_body_open_effects(self, clip, body, clip, memory, size);
+}
+
+HFX_API size_t hfx_body_effects_volume_bytes(const hfx_clip *clip, uint32_t body,
+                                             const hfx_clip *effects, uint32_t effect) {
   const unsigned char *at;
   uint64_t bytes;
   uint32_t model;
-  if (body >= hfx_clip_bodies(clip) || effect >= hfx_clip_effects(clip)) return 0;
-  at = hfx_record(clip, HFX_EFCT, effect);
-  model = hfx_model_of(clip, body, at);
+  if (body >= hfx_clip_bodies(clip) || effect >= hfx_clip_effects(effects)) return 0;
+  at = hfx_record(effects, HFX_EFCT, effect);
+  model = hfx_model_of(clip, body, effects, at);
   if (hfx_u32(at + 4)) return 0;
-  bytes = (uint64_t)hfx_chunks_of(clip, model) + hfx_held_of(clip, model, at);
+  bytes = (uint64_t)hfx_chunks_of(clip, model) + hfx_held_of(clip, model, effects, at);
   bytes = sizeof(hfx_felt) + 4 * (HFX_CHUNK + 1) * bytes;
   return bytes < (uint64_t)(size_t)-1 ? (size_t)bytes : 0;
 }
 
+HFX_API size_t hfx_body_volume_bytes(const hfx_clip *clip, uint32_t body, uint32_t effect) {
+  return hfx_body_effects_volume_bytes(clip, body, clip, effect);
+}
+
 HFX_API uint32_t hfx_body_add_volume(hfx_body *self, uint32_t effect, void *memory, size_t size) {
-  const size_t needed = hfx_body_volume_bytes(&self->clip, self->body, effect);
+  const size_t needed =
+      hfx_body_effects_volume_bytes(&self->clip, self->body, self->effects, effect);
   hfx_felt *felt = (hfx_felt *)memory;
   size_t i;
   if (!memory || !needed || size < needed || self->next_number == HFX_NONE) return HFX_NONE;
@@ -245,7 +233,7 @@ HFX_API uint32_t hfx_body_add_volume(hfx_body *self, uint32_t effect, void *memo
 
 HFX_API void *hfx_body_remove_volume(hfx_body *self, uint32_t number) {
   hfx_felt *felt = self->felt;
-  if (number < hfx_clip_effects(&self->clip)) return NULL;
+  if (number < hfx_clip_effects(self->effects)) return NULL;
   while (felt && felt->next && felt->next->number != number) felt = felt->next;
   if (!felt || !felt->next) return NULL;
   self->recent = felt;
@@ -260,7 +248,7 @@ HFX_API void *hfx_body_remove_volume(hfx_body *self, uint32_t number) {
 static inline hfx_felt *hfx_find_felt(const hfx_body *self, uint32_t number) {
   hfx_felt *felt;
   if (self->body == HFX_NONE || !self->felt) return NULL;
-  if (number < hfx_clip_effects(&self->clip)) return &self->felt[number];
+  if (number < hfx_clip_effects(self->effects)) return &self->felt[number];
   felt = self->recent && self->recent->number <= number ? self->recent : self->felt;
   while (felt && felt->number < number) felt = felt->next;
   return felt && felt->number == number ? felt : NULL;
@@ -302,6 +290,16 @@ HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double factor) {
   hfx_felt *felt = hfx_take_felt(self, effect);
   if (!felt) return HFX_ERROR_INDEX;
   felt->level = hfx_clamped(hfx_positive(factor), 0.0, 1.0) * hfx_f32(felt->effect + 36);
+  return 0;
+}
+
+HFX_API int hfx_body_place(hfx_body *self, uint32_t effect, double turn_degrees, double raise_m,
+                           double stretch) {
+  hfx_felt *felt = hfx_take_felt(self, effect);
+  if (!felt || !hfx_u32(felt->effect + 4)) return HFX_ERROR_INDEX;
+  hfx_paint(self, felt, hfx_is_within(turn_degrees, -1e9, 1e9) ? hfx_wrapped(turn_degrees) : 0.0,
+            hfx_is_within(raise_m, -1e9, 1e9) ? raise_m : 0.0,
+            hfx_is_within(stretch, 1e-9, 1e9) ? stretch : 1.0);
   return 0;
 }
 

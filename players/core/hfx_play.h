@@ -53,17 +53,16 @@ static inline int hfx_parameter(char letter) { /* names of columns begin with di
        : letter == 's' ? 4 : HFX_PARAMETERS;
 }
 
-static inline float hfx_scaled(const hfx_player *player, uint32_t column, uint32_t number,
-                               int is_strength) {
+/* A value with gain and factors; the column's limits hold where these change it. */
+static inline double hfx_scaled(const hfx_player *player, uint32_t column, double value,
+                                int is_strength) {
   const unsigned char *at = hfx_record(&player->clip, HFX_COLM, column);
   const int parameter = hfx_parameter(hfx_text(&player->clip, at)[0]);
   const double factor = parameter < HFX_PARAMETERS ? player->factors[parameter] : 1.0;
   const double neutral = is_strength ? hfx_f64(at + 32) : 0.0;
   const double scale = is_strength ? player->gain * factor : factor;
-  const double value = hfx_decoded(at, number);
-  if (scale == 1.0) return (float)value;
-  return (float)hfx_clamped(neutral + scale * (value - neutral), hfx_f64(at + 16),
-                            hfx_f64(at + 24));
+  if (scale == 1.0) return value;
+  return hfx_clamped(neutral + scale * (value - neutral), hfx_f64(at + 16), hfx_f64(at + 24));
 }
 
 static inline void hfx_neutral(const hfx_clip *clip, float *out) {
@@ -72,32 +71,58 @@ static inline void hfx_neutral(const hfx_clip *clip, float *out) {
     out[i] = (float)hfx_f64(hfx_record(clip, HFX_COLM, i) + 32);
 }
 
-/* Strongest row of each actuator of one or two spans of rows, both ends included. */
+/* Values of the strongest row of an actuator of one or two spans of rows, both ends included. */
+static inline const unsigned char *hfx_strongest_values(const hfx_player *player, uint32_t actuator,
+                                                        int64_t spans[2][2]) {
+  const hfx_clip *clip = &player->clip;
+  const unsigned char *at = hfx_record(clip, HFX_ACTR, actuator);
+  const uint32_t columns = hfx_u32(at + 12), count = hfx_u32(at + 20);
+  const unsigned char *rows = hfx_record(clip, HFX_ROWS, hfx_u32(at + 16));
+  const unsigned char *values = hfx_record(clip, HFX_VALU, hfx_u32(at + 24)), *strongest = values;
+  const uint32_t neutral = hfx_u32(hfx_record(clip, HFX_COLM, hfx_u32(at + 8)) + 12);
+  uint32_t farthest = 0;
+  int s;
+  for (s = 0; s < 2; s++) {
+    uint32_t entry, last;
+    if (spans[s][0] > spans[s][1]) continue;
+    entry = hfx_entry_at(rows, count, spans[s][0]);
+    last = hfx_entry_at(rows, count, spans[s][1]);
+    for (; entry <= last; entry++) {
+      const unsigned char *value = values + 2 * (size_t)entry * columns;
+      const uint32_t number = hfx_u16(value);
+      const uint32_t away = number > neutral ? number - neutral : neutral - number;
+      if (away >= farthest) farthest = away, strongest = value;
+    }
+  }
+  return strongest;
+}
+
+static inline int hfx_is_placed(const hfx_player *player);
+static inline void hfx_give_placed(const hfx_player *player, const unsigned char *device,
+                                   uint32_t actuator, int64_t spans[2][2], float *out);
+
+/* Strongest row of each actuator. */
 static inline void hfx_strongest(const hfx_player *player, int64_t spans[2][2], float *out) {
   const hfx_clip *clip = &player->clip;
-  uint32_t i, k;
-  int s;
-  for (i = 0; i < hfx_clip_actuators(clip); i++) {
-    const unsigned char *at = hfx_record(clip, HFX_ACTR, i);
-    const uint32_t column = hfx_u32(at + 8), columns = hfx_u32(at + 12), count = hfx_u32(at + 20);
-    const unsigned char *rows = hfx_record(clip, HFX_ROWS, hfx_u32(at + 16));
-    const unsigned char *values = hfx_record(clip, HFX_VALU, hfx_u32(at + 24)), *strongest = values;
-    const uint32_t neutral = hfx_u32(hfx_record(clip, HFX_COLM, column) + 12);
-    uint32_t farthest = 0;
-    for (s = 0; s < 2; s++) {
-      uint32_t entry, last;
-      if (spans[s][0] > spans[s][1]) continue;
-      entry = hfx_entry_at(rows, count, spans[s][0]);
-      last = hfx_entry_at(rows, count, spans[s][1]);
-      for (; entry <= last; entry++) {
-        const unsigned char *value = values + 2 * (size_t)entry * columns;
-        const uint32_t number = hfx_u16(value);
-        const uint32_t away = number > neutral ? number - neutral : neutral - number;
-        if (away >= farthest) farthest = away, strongest = value;
+  const int is_placed = hfx_is_placed(player);
+  uint32_t d, i, k;
+  for (d = 0; d < hfx_clip_devices(clip); d++) {
+    const unsigned char *device = hfx_record(clip, HFX_DEVC, d);
+    const uint32_t end = hfx_u32(device + 12) + hfx_u32(device + 16);
+    for (i = hfx_u32(device + 12); i < end; i++) {
+      const unsigned char *at = hfx_record(clip, HFX_ACTR, i), *values;
+      const uint32_t column = hfx_u32(at + 8), columns = hfx_u32(at + 12);
+      if (is_placed) {
+        hfx_give_placed(player, device, i, spans, out);
+        continue;
+      }
+      values = hfx_strongest_values(player, i, spans);
+      for (k = 0; k < columns; k++) {
+        const unsigned char *of = hfx_record(clip, HFX_COLM, column + k);
+        out[column + k] =
+            (float)hfx_scaled(player, column + k, hfx_decoded(of, hfx_u16(values + 2 * k)), k == 0);
       }
     }
-    for (k = 0; k < columns; k++)
-      out[column + k] = hfx_scaled(player, column + k, hfx_u16(strongest + 2 * k), k == 0);
   }
 }
 
@@ -117,6 +142,7 @@ HFX_API void hfx_player_play(hfx_player *player, const hfx_clip *clip) {
   player->gain = 1.0;
   for (k = 0; k < HFX_PARAMETERS; k++) player->factors[k] = 1.0;
   player->loops_whole = 0;
+  hfx_player_place(player, 0.0, 0.0, 1.0);
   hfx_begin(player, 0.0, hfx_clip_seconds(clip), 0);
 }
 

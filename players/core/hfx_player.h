@@ -154,18 +154,20 @@ HFX_API int hfx_clip_surface(const hfx_clip *clip, uint32_t index, hfx_surface *
 typedef struct hfx_player {
   hfx_clip clip; /* a copy: only the bytes have to stay */
   double position_s, start_s, end_s, gain, factors[HFX_PARAMETERS];
+  double turn_degrees, raise_m, stretch; /* of hfx_player_place */
   int64_t shown_row; /* last row that was given; -1: none */
   int is_playing, is_paused, loops; /* loops: what plays now */
   int loops_whole;                  /* of hfx_player_loop: applies to the whole clip */
 } hfx_player;
 
-/* Sets a player up, with gain and factors of 1 and no loop, and begins at the beginning. */
+/* Sets a player up, with gain and factors of 1, no loop, not placed elsewhere, and begins at the
+ * beginning. */
 HFX_API void hfx_player_play(hfx_player *player, const hfx_clip *clip);
 /* The same with a named clip, which loops if it is meant to; 0, or HFX_ERROR_NAME and silence. */
 HFX_API int hfx_player_play_named(hfx_player *player, const hfx_clip *clip, const char *name);
 /* Begins again with the whole clip (NULL or ""), which loops as hfx_player_loop said, or with a
- * named clip, which loops if it is meant to. Gain, factors and loop stay, a pause ends; 0, or
- * HFX_ERROR_NAME and silence. The player has to be set up. */
+ * named clip, which loops if it is meant to. Gain, factors, loop and place stay, a pause ends; 0,
+ * or HFX_ERROR_NAME and silence. The player has to be set up. */
 HFX_API int hfx_player_replay(hfx_player *player, const char *name);
 /* Goes on by the seconds since the last call. `out` gets hfx_clip_columns values in the units of
  * the columns: of each actuator the strongest of all rows since then. */
@@ -184,6 +186,13 @@ HFX_API void hfx_player_gain(hfx_player *player, double gain);
 /* Scales one parameter (`amplitude_m_s2`, `frequency_hz`, `pressure_kpa`, `temperature_c`,
  * `speed_m_s`): its deviation from neutral, a frequency itself; 0 or HFX_ERROR_NAME. */
 HFX_API int hfx_player_set_parameter(hfx_player *player, const char *parameter, double factor);
+/* Plays everything turned about the body's vertical axis (to the left, seen from above
+ * counterclockwise), higher by metres, and with heights about the middle of each device times
+ * `stretch`; 0, 0, 1 as made. Between actuators, strengths are interpolated. Devices that do not go
+ * round the body, and are not on both sides of it, are not turned; what is in the room stays. What
+ * is no number counts as made. */
+HFX_API void hfx_player_place(hfx_player *player, double turn_degrees, double raise_m,
+                              double stretch);
 /* Neutral values at once, and pause: for a lost focus, a menu, a headset taken off. */
 HFX_API void hfx_player_silence(hfx_player *player, float *out);
 HFX_API int hfx_player_is_playing(const hfx_player *player); /* also while it is paused */
@@ -293,7 +302,8 @@ typedef struct hfx_reaction {
 } hfx_reaction;
 
 typedef struct hfx_body { /* what is behind these pointers lies in the memory that was given */
-  hfx_clip clip;
+  hfx_clip clip;           /* of the body and its devices */
+  const hfx_clip *effects; /* of what is felt, often the same; a copy */
   uint32_t body, frame, chunks, next_number;
   int is_posed, was_posed;
   double time_s;
@@ -317,6 +327,14 @@ HFX_API size_t hfx_body_bytes(const hfx_clip *clip, uint32_t body);
 /* Begins with volumes where and as strong as in the clip, painted areas off; 0 or an hfx_error. */
 HFX_API int hfx_body_open(hfx_body *self, const hfx_clip *clip, uint32_t body, void *memory,
                           size_t size);
+/* A library of effects (hits, rain, a heartbeat) is felt on the body of another clip: with bones,
+ * vertices and devices of `clip`, and volumes and painted areas of `effects`, whose bodies,
+ * devices and baked part do not count. Painted areas go by model and by number of the vertex,
+ * which all bodies share. The same memory and errors as above; all other functions of a body take
+ * effects of `effects`. */
+HFX_API size_t hfx_body_effects_bytes(const hfx_clip *clip, uint32_t body, const hfx_clip *effects);
+HFX_API int hfx_body_open_effects(hfx_body *self, const hfx_clip *clip, uint32_t body,
+                                  const hfx_clip *effects, void *memory, size_t size);
 /* Poses the body: for each bone the matrix that takes rest space to the world. Each frame, before
  * evaluate: speeds of skin are measured from one pose to the next. */
 HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices);
@@ -329,11 +347,22 @@ HFX_API int hfx_body_set_parameter(hfx_body *self, uint32_t effect, uint32_t par
  * 0 or HFX_ERROR_INDEX. */
 HFX_API int hfx_body_trigger(hfx_body *self, uint32_t effect, double factor);
 
+/* Turns a painted area about the body's axis (to the left, seen from above counterclockwise), and
+ * puts it higher by metres, with heights about its own middle times `stretch`: each vertex has the
+ * weight of the vertex that is nearest to where it comes from, at rest. 0, 0, 1 as made. Takes as
+ * long as some frames: for the beginning of an effect. Volumes are placed by their matrix.
+ * 0, or HFX_ERROR_INDEX: there is no such painted area. */
+HFX_API int hfx_body_place(hfx_body *self, uint32_t effect, double turn_degrees, double raise_m,
+                           double stretch);
+
 /* A volume effect can be in several places at once (rain, bullets): each further volume has a
  * matrix, factor, parameters and contact response of its own, and is felt in addition. */
 
 /* Memory that one further volume needs, aligned as malloc's; 0: there is no such volume effect. */
 HFX_API size_t hfx_body_volume_bytes(const hfx_clip *clip, uint32_t body, uint32_t effect);
+/* The same for a body with effects of another clip. */
+HFX_API size_t hfx_body_effects_volume_bytes(const hfx_clip *clip, uint32_t body,
+                                             const hfx_clip *effects, uint32_t effect);
 /* Adds a volume, off, with matrix and parameters as in the clip. Returns its number, which the
  * functions above and below take in place of an effect; HFX_NONE: there is no such volume effect,
  * or too little memory. The memory stays in use until the volume is removed. */
@@ -356,11 +385,13 @@ HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect);
 #include "hfx_clip.h"
 #include "hfx_facts.h"
 #include "hfx_play.h"
+#include "hfx_placed.h"
 #include "hfx_surface.h"
 #include "hfx_volume.h"
 #include "hfx_skin.h"
 #include "hfx_touch.h"
 #include "hfx_response.h"
+#include "hfx_paint.h"
 #include "hfx_body.h"
 
 #endif

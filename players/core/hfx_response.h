@@ -10,13 +10,12 @@ extern "C" {
 
 enum { HFX_DISTANCE, HFX_SPEED, HFX_IMPACT, HFX_PROXIMITY, HFX_SINE };
 
-#define HFX_TAU 6.283185307179586
 #define HFX_WEAKEST 1e-4 /* a weaker response is silence */
 #define HFX_FADED 1e-3   /* of its peak: an impact has ended */
 
 static inline const unsigned char *hfx_filter(const hfx_body *self, const hfx_touch *touch,
                                               uint32_t index) {
-  return hfx_record(&self->clip, HFX_FLTR, hfx_u32(touch->felt->effect + 60) + index);
+  return hfx_record(self->effects, HFX_FLTR, hfx_u32(touch->felt->effect + 60) + index);
 }
 
 static inline double hfx_control(const unsigned char *filter, int index) {

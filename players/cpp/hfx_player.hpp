@@ -108,6 +108,10 @@ class Player {
   void seek(double seconds) { hfx_player_seek(&player_, seconds); }
   void loop(bool loops) { hfx_player_loop(&player_, loops); }
   void gain(double gain) { hfx_player_gain(&player_, gain); }
+  // Turns all about the body, raises it by metres, and scales heights; 0, 0, 1: as made.
+  void place(double turn_degrees, double raise_m = 0.0, double stretch = 1.0) {
+    hfx_player_place(&player_, turn_degrees, raise_m, stretch);
+  }
   bool set_parameter(const std::string &parameter, double factor) {
     return hfx_player_set_parameter(&player_, parameter.c_str(), factor) == 0;
   }
@@ -125,13 +129,20 @@ class Body {
  public:
   Body() : Body(Clip()) {}
   // `body` is an index in the clip.
-  explicit Body(Clip clip, std::uint32_t body = 0)
-      : clip_(std::move(clip)), number_(body), values_(hfx_clip_columns(&clip_.core())) {
-    const std::size_t size = hfx_body_bytes(&clip_.core(), body);
+  explicit Body(Clip clip, std::uint32_t body = 0) : Body(clip, body, clip) {}
+  // Feels the effects of another clip on this body: a library for all avatars.
+  Body(Clip clip, std::uint32_t body, Clip effects)
+      : clip_(std::move(clip)),
+        effects_(std::move(effects)),
+        number_(body),
+        values_(hfx_clip_columns(&clip_.core())) {
+    const std::size_t size = hfx_body_effects_bytes(&clip_.core(), body, &effects_.core());
     body_ = std::make_unique<hfx_body>();
     memory_ = std::make_unique<unsigned char[]>(size);
-    error_ = size ? hfx_body_open(body_.get(), &clip_.core(), body, memory_.get(), size)
-                  : clip_ ? HFX_ERROR_INDEX : clip_.error();
+    if (!clip_) error_ = clip_.error();
+    else if (!effects_) error_ = effects_.error();
+    else error_ = hfx_body_open_effects(body_.get(), &clip_.core(), body, &effects_.core(),
+                                        memory_.get(), size);
   }
 
   explicit operator bool() const { return error_ == 0; }
@@ -156,9 +167,17 @@ class Body {
   bool trigger(std::uint32_t effect, double factor) {
     return !error_ && hfx_body_trigger(body_.get(), effect, factor) == 0;
   }
+  // Turns, raises and stretches a painted area; false: there is none of this number.
+  bool place(std::uint32_t effect, double turn_degrees, double raise_m = 0.0,
+             double stretch = 1.0) {
+    return !error_ &&
+           hfx_body_place(body_.get(), effect, turn_degrees, raise_m, stretch) == 0;
+  }
   // Adds one more volume of an effect, off; its number stands for an effect. HFX_NONE: failed.
   std::uint32_t add_volume(std::uint32_t effect) {
-    const std::size_t size = error_ ? 0 : hfx_body_volume_bytes(&clip_.core(), number_, effect);
+    const std::size_t size =
+        error_ ? 0
+               : hfx_body_effects_volume_bytes(&clip_.core(), number_, &effects_.core(), effect);
     if (!size) return HFX_NONE;
     auto memory = std::make_unique<unsigned char[]>(size);
     const std::uint32_t number = hfx_body_add_volume(body_.get(), effect, memory.get(), size);
@@ -182,7 +201,7 @@ class Body {
   }
 
  private:
-  Clip clip_;
+  Clip clip_, effects_;
   std::uint32_t number_;
   std::vector<float> values_;
   std::unique_ptr<hfx_body> body_;

@@ -14,7 +14,7 @@ typedef struct {
 typedef struct {
   const char *name;
   gd_method run;
-  int32_t result, arguments[3];
+  int32_t result, arguments[4];
   uint32_t count;
 } method;
 
@@ -74,13 +74,17 @@ static uint32_t number_at(const void *argument) { /* below 0 and too much: nothi
   static void name(void *userdata, void *instance, const void *const *arguments, void *result)
 #define BODY (((core *)instance)->body)
 
-/* open(bytes: PackedByteArray, body: int) -> int: 0, or a reason below it */
+/* open(bytes: PackedByteArray, body: int, effects: PackedByteArray) -> int: 0, or a reason below
+ * it; effects: bytes of the clip that has them, empty for the same. */
 RUN(run_open) {
   const uint32_t size = size_of(TYPE_BYTES, arguments[0]);
+  const uint32_t effects = size_of(TYPE_BYTES, arguments[2]);
   int32_t error = 0;
   (void)userdata;
   hfx_live_close(BODY);
-  BODY = hfx_live_open(size ? gd.byte_at(arguments[0], 0) : NULL, size, number_at(arguments[1]), &error);
+  BODY = hfx_live_open_effects(size ? gd.byte_at(arguments[0], 0) : NULL, size,
+                               number_at(arguments[1]),
+                               effects ? gd.byte_at(arguments[2], 0) : NULL, effects, &error);
   *(int64_t *)result = error;
 }
 
@@ -112,6 +116,14 @@ RUN(run_trigger) {
   (void)userdata;
   *(int64_t *)result =
       hfx_live_trigger(BODY, number_at(arguments[0]), *(const double *)arguments[1]);
+}
+
+/* place(effect: int, turn_degrees: float, raise_m: float, stretch: float) -> int: a painted area */
+RUN(run_place) {
+  (void)userdata;
+  *(int64_t *)result =
+      hfx_live_place(BODY, number_at(arguments[0]), *(const double *)arguments[1],
+                     *(const double *)arguments[2], *(const double *)arguments[3]);
 }
 
 /* add_volume(effect: int) -> int: its number, or a reason below 0 */
@@ -154,11 +166,12 @@ RUN(run_get_level) {
 }
 
 static const method METHODS[] = {
-    {"open", run_open, TYPE_INT, {TYPE_BYTES, TYPE_INT}, 2},
+    {"open", run_open, TYPE_INT, {TYPE_BYTES, TYPE_INT, TYPE_BYTES}, 3},
     {"set_bones", run_set_bones, TYPE_INT, {TYPE_FLOATS}, 1},
     {"set_volume", run_set_volume, TYPE_INT, {TYPE_INT, TYPE_FLOATS}, 2},
     {"set_parameter", run_set_parameter, TYPE_INT, {TYPE_INT, TYPE_INT, TYPE_FLOAT}, 3},
     {"trigger", run_trigger, TYPE_INT, {TYPE_INT, TYPE_FLOAT}, 2},
+    {"place", run_place, TYPE_INT, {TYPE_INT, TYPE_FLOAT, TYPE_FLOAT, TYPE_FLOAT}, 4},
     {"add_volume", run_add_volume, TYPE_INT, {TYPE_INT}, 1},
     {"remove_volume", run_remove_volume, TYPE_INT, {TYPE_INT}, 1},
     {"moves_skin", run_moves_skin, TYPE_INT, {TYPE_INT}, 1},
@@ -194,8 +207,8 @@ static void drop(int32_t type, value *each) {
 static void call(void *userdata, void *instance, const void *const *arguments, int64_t count,
                  void *result, gd_call_error *error) {
   const method *one = (const method *)userdata;
-  value values[3], found;
-  const void *pointers[3];
+  value values[4], found;
+  const void *pointers[4];
   uint32_t k = 0;
   if (count != (int64_t)one->count) {
     error->error = count < (int64_t)one->count ? CALL_TOO_FEW : CALL_TOO_MANY;
@@ -245,8 +258,8 @@ static void destroy(void *userdata, void *instance) {
 static void register_method(const method *one) {
   gd_name name, empty;
   gd_text no_text;
-  gd_property properties[4];
-  int32_t metadata[3] = {0, 0, 0};
+  gd_property properties[5];
+  int32_t metadata[4] = {0, 0, 0, 0};
   gd_method_info info;
   uint32_t k;
   memset(&info, 0, sizeof info);

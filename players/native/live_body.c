@@ -7,32 +7,47 @@
 #include "../core/hfx_player.h"
 
 struct hfx_live_body {
-  void *bytes, *memory;
-  hfx_clip clip;
+  void *bytes, *effect_bytes, *memory; /* effect_bytes: NULL without effects of another clip */
+  hfx_clip clip, effects;
   hfx_body body;
 };
 
-static int opened(hfx_live_body *self, const void *bytes, size_t size, uint32_t body) {
-  size_t needed;
-  int error;
-  self->bytes = bytes && size ? malloc(size) : NULL;
-  if (!self->bytes) return HFX_ERROR_KIND;
-  memcpy(self->bytes, bytes, size);
-  error = hfx_clip_open(&self->clip, self->bytes, size);
-  if (error) return error;
-  needed = hfx_body_bytes(&self->clip, body);
-  if (!needed) return HFX_ERROR_INDEX;
-  self->memory = malloc(needed);
-  return hfx_body_open(&self->body, &self->clip, body, self->memory, needed);
+/* Opens a copy of a clip's bytes. */
+static int opened_copy(hfx_clip *clip, void **copy, const void *bytes, size_t size) {
+  *copy = bytes && size ? malloc(size) : NULL;
+  if (!*copy) return HFX_ERROR_KIND;
+  memcpy(*copy, bytes, size);
+  return hfx_clip_open(clip, *copy, size);
 }
 
-hfx_live_body *hfx_live_open(const void *bytes, size_t size, uint32_t body, int32_t *error) {
+static int opened(hfx_live_body *self, const void *bytes, size_t size, uint32_t body,
+                  const void *effects, size_t effects_size) {
+  int error = opened_copy(&self->clip, &self->bytes, bytes, size);
+  size_t needed;
+  self->effects = self->clip;
+  if (!error && effects && effects_size)
+    error = opened_copy(&self->effects, &self->effect_bytes, effects, effects_size);
+  if (error) return error;
+  needed = hfx_body_effects_bytes(&self->clip, body, &self->effects);
+  if (!needed) return HFX_ERROR_INDEX;
+  self->memory = malloc(needed);
+  return hfx_body_open_effects(&self->body, &self->clip, body, &self->effects, self->memory,
+                               needed);
+}
+
+hfx_live_body *hfx_live_open_effects(const void *bytes, size_t size, uint32_t body,
+                                     const void *effects, size_t effects_size, int32_t *error) {
   hfx_live_body *self = (hfx_live_body *)calloc(1, sizeof *self);
-  const int found = self ? opened(self, bytes, size, body) : HFX_ERROR_MEMORY;
+  const int found =
+      self ? opened(self, bytes, size, body, effects, effects_size) : HFX_ERROR_MEMORY;
   if (error) *error = found;
   if (!found) return self;
   hfx_live_close(self);
   return NULL;
+}
+
+hfx_live_body *hfx_live_open(const void *bytes, size_t size, uint32_t body, int32_t *error) {
+  return hfx_live_open_effects(bytes, size, body, NULL, 0, error);
 }
 
 /* Frees all added volumes, and the rest. */
@@ -41,6 +56,7 @@ void hfx_live_close(hfx_live_body *self) {
   while (self->body.last && hfx_live_remove_volume(self, self->body.last->number) == 0) continue;
   free(self->memory);
   free(self->bytes);
+  free(self->effect_bytes);
   free(self);
 }
 
@@ -70,8 +86,16 @@ int32_t hfx_live_trigger(hfx_live_body *self, uint32_t effect, double factor) {
   return self ? hfx_body_trigger(&self->body, effect, factor) : HFX_ERROR_INDEX;
 }
 
+int32_t hfx_live_place(hfx_live_body *self, uint32_t effect, double turn_degrees, double raise_m,
+                       double stretch) {
+  if (!self) return HFX_ERROR_INDEX;
+  return hfx_body_place(&self->body, effect, turn_degrees, raise_m, stretch);
+}
+
 int32_t hfx_live_add_volume(hfx_live_body *self, uint32_t effect) {
-  const size_t needed = self ? hfx_body_volume_bytes(&self->clip, self->body.body, effect) : 0;
+  const size_t needed = self ? hfx_body_effects_volume_bytes(&self->clip, self->body.body,
+                                                             &self->effects, effect)
+                             : 0;
   void *memory = needed ? malloc(needed) : NULL;
   uint32_t number = HFX_NONE;
   if (!needed) return HFX_ERROR_INDEX;

@@ -18,6 +18,11 @@ typedef struct hfx_live_body hfx_live_body;
 
 /* Opens a body of a clip; NULL: `error` says why, for hfx_live_error. */
 HFX_EXPORT hfx_live_body *hfx_live_open(const void *bytes, size_t size, uint32_t body, int32_t *error);
+/* The same with the effects of another clip, as of hfx_body_open_effects; no bytes (NULL or 0): of
+ * the clip itself. */
+HFX_EXPORT hfx_live_body *hfx_live_open_effects(const void *bytes, size_t size, uint32_t body,
+                                                const void *effects, size_t effects_size,
+                                                int32_t *error);
 HFX_EXPORT void hfx_live_close(hfx_live_body *self);
 /* One sentence about an error, in English. */
 HFX_EXPORT const char *hfx_live_error(int32_t error);
@@ -28,6 +33,9 @@ HFX_EXPORT int32_t hfx_live_set_volume(hfx_live_body *self, uint32_t effect, con
                                        uint32_t count);
 HFX_EXPORT int32_t hfx_live_set_parameter(hfx_live_body *self, uint32_t effect, uint32_t parameter,
                                           double value);
+/* Turns, raises and stretches a painted area. */
+HFX_EXPORT int32_t hfx_live_place(hfx_live_body *self, uint32_t effect, double turn_degrees,
+                                  double raise_m, double stretch);
 HFX_EXPORT int32_t hfx_live_trigger(hfx_live_body *self, uint32_t effect, double factor);
 /* Adds one more volume of an effect, off; its number, which the other functions take in place of an
  * effect, or an hfx_error below 0. */

@@ -150,6 +150,13 @@ int32_t hfx_live_player_gain(hfx_live_player *self, double gain) {
   return 0;
 }
 
+int32_t hfx_live_player_place(hfx_live_player *self, double turn_degrees, double raise_m,
+                              double stretch) {
+  if (!self) return HFX_ERROR_INDEX;
+  hfx_player_place(&self->player, turn_degrees, raise_m, stretch);
+  return 0;
+}
+
 int32_t hfx_live_player_set_parameter(hfx_live_player *self, const char *parameter, double factor) {
   return self ? hfx_player_set_parameter(&self->player, parameter, factor) : HFX_ERROR_INDEX;
 }

@@ -54,6 +54,8 @@ HFX_EXPORT int32_t hfx_live_player_stop(hfx_live_player *self);
 HFX_EXPORT int32_t hfx_live_player_seek(hfx_live_player *self, double seconds);
 HFX_EXPORT int32_t hfx_live_player_loop(hfx_live_player *self, int32_t loops);
 HFX_EXPORT int32_t hfx_live_player_gain(hfx_live_player *self, double gain);
+HFX_EXPORT int32_t hfx_live_player_place(hfx_live_player *self, double turn_degrees,
+                                         double raise_m, double stretch);
 HFX_EXPORT int32_t hfx_live_player_set_parameter(hfx_live_player *self, const char *parameter,
                                                  double factor);
 HFX_EXPORT int32_t hfx_live_player_is_playing(const hfx_live_player *self); /* 0 or 1 */

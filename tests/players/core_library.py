@@ -84,7 +84,8 @@ def library() -> ctypes.CDLL:
     assert core.sizes(0) <= _CLIP_BYTES and core.sizes(1) <= _PLAYER_BYTES
     assert core.sizes(2) <= _BODY_BYTES
     core.hfx_body_bytes.restype = ctypes.c_size_t
-    core.hfx_body_volume_bytes.restype = ctypes.c_size_t
+    core.hfx_body_effects_bytes.restype = ctypes.c_size_t
+    core.hfx_body_effects_volume_bytes.restype = ctypes.c_size_t
     core.hfx_body_add_volume.restype = ctypes.c_uint32
     core.hfx_body_remove_volume.restype = ctypes.c_void_p
     core.hfx_body_weights.restype = ctypes.POINTER(ctypes.c_float)
@@ -92,6 +93,7 @@ def library() -> ctypes.CDLL:
     core.hfx_clip_seconds.restype = core.hfx_player_position.restype = ctypes.c_double
     core.hfx_error_text.restype = core.hfx_live_error.restype = ctypes.c_char_p
     core.hfx_live_open.restype = core.hfx_live_player_open.restype = ctypes.c_void_p
+    core.hfx_live_open_effects.restype = ctypes.c_void_p
     core.hfx_live_level.restype = ctypes.c_double
     return core
 
@@ -155,6 +157,10 @@ class Player:
     def gain(self, gain: float) -> None:
         self._core.hfx_player_gain(self._at, ctypes.c_double(gain))
 
+    def place(self, turn_degrees: float, raise_m: float, stretch: float) -> None:
+        numbers = map(ctypes.c_double, (turn_degrees, raise_m, stretch))
+        self._core.hfx_player_place(self._at, *numbers)
+
     def parameter(self, name: str, factor: float) -> int:
         actual = self._core.hfx_player_set_parameter(
             self._at, name.encode(), ctypes.c_double(factor)
@@ -174,17 +180,22 @@ class Player:
 
 
 class Body:
-    """Body of the core; ``error`` is the result of ``hfx_body_open``."""
+    """Body of the core, with effects of its own clip or another one; ``error`` is the result of
+    opening."""
 
-    def __init__(self, clip: Clip, body: int = 0) -> None:
-        self._core, self._clip = library(), clip
+    def __init__(self, clip: Clip, body: int = 0, effects: Clip | None = None) -> None:
+        self._core, self._clip, self._effects = library(), clip, effects or clip
         self._at = (ctypes.c_uint64 * (_BODY_BYTES // 8))()
-        size = int(self._core.hfx_body_bytes(clip.at, body))
+        size = int(self._core.hfx_body_effects_bytes(clip.at, body, self._effects.at))
         self._memory = (ctypes.c_uint64 * (size // 8 + 1))()
         self._out = np.zeros(max(clip.columns, 1), np.float32)
-        self.error = int(
-            self._core.hfx_body_open(self._at, clip.at, body, self._memory, ctypes.c_size_t(size))
-        )
+        given = (self._memory, ctypes.c_size_t(size))
+        if effects is None:
+            self.error = int(self._core.hfx_body_open(self._at, clip.at, body, *given))
+        else:
+            self.error = int(
+                self._core.hfx_body_open_effects(self._at, clip.at, body, effects.at, *given)
+            )
 
         self._blocks: list[object] = []
         self._body = body
@@ -192,7 +203,11 @@ class Body:
     def add_volume(self, effect: int, size: int | None = None) -> int:
         """Add a volume, with memory of ``size`` bytes or as many as needed; return the number."""
         if size is None:
-            size = int(self._core.hfx_body_volume_bytes(self._clip.at, self._body, effect))
+            size = int(
+                self._core.hfx_body_effects_volume_bytes(
+                    self._clip.at, self._body, self._effects.at, effect
+                )
+            )
         self._blocks.append((ctypes.c_uint64 * (size // 8 + 1))())
         given = ctypes.c_size_t(size)
         return int(self._core.hfx_body_add_volume(self._at, effect, self._blocks[-1], given))
@@ -209,6 +224,10 @@ class Body:
         given = np.ascontiguousarray(matrix, np.float32)
         at = given.ctypes.data_as(ctypes.c_void_p)
         return int(self._core.hfx_body_set_volume(self._at, effect, at))
+
+    def place(self, effect: int, turn_degrees: float, raise_m: float, stretch: float) -> int:
+        numbers = map(ctypes.c_double, (turn_degrees, raise_m, stretch))
+        return int(self._core.hfx_body_place(self._at, effect, *numbers))
 
     def trigger(self, effect: int, level: float) -> int:
         return int(self._core.hfx_body_trigger(self._at, effect, ctypes.c_double(level)))

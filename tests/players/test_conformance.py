@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from core_library import ROOT, Clip, Player
+from core_library import ROOT, Body, Clip, Player
 
 from hfx_blender.formats import files
 
@@ -83,12 +83,16 @@ class Scales:
         return np.asarray(self._step * np.maximum(scale, 1.0) + self._rounding)
 
 
-def test_calls_behave_as_written_by_hand() -> None:
+@pytest.mark.parametrize(
+    ("script", "name", "least"), [("behaviour", "behaviour", 80), ("placed", "ring", 40)]
+)
+def test_calls_behave_as_written_by_hand(script: str, name: str, least: int) -> None:
     folder = FOLDER / "behaviour"
-    clip = Clip((folder / "behaviour.hfxclip").read_bytes())
-    slack = np.array([65.535, 65.535, 20.0]) / 65535.0 * 2.0 + 1e-6  # at a gain of 2
+    path = folder / f"{name}.hfxclip"
+    clip = Clip(path.read_bytes())
+    slack = Scales(path).slack() * 2.0  # at a gain of 2
     player, checks = Player(clip), 0
-    for number, line in enumerate((folder / "behaviour.txt").read_text().splitlines(), 1):
+    for number, line in enumerate((folder / f"{script}.txt").read_text().splitlines(), 1):
         if not line or line.startswith("#"):
             continue
         call, _, expected = (part.strip() for part in line.partition("="))
@@ -115,5 +119,40 @@ def test_calls_behave_as_written_by_hand() -> None:
             values = np.array(expected.split(), np.float64)
             assert (np.abs(actual - values) <= slack).all(), f"{place}: {actual}"
         else:
-            getattr(player, word)(*([float(argument)] if argument else []))
-    assert checks > 80
+            getattr(player, word)(*map(float, argument.split()))
+    assert checks >= least
+
+
+def test_effects_of_one_clip_are_felt_on_the_body_of_another() -> None:
+    folder = FOLDER / "behaviour"
+    avatar, library = (
+        Clip((folder / f"{name}.hfxclip").read_bytes()) for name in ("avatar", "library")
+    )
+    numbers = {"Dot": 0, "Ball": 1, "Numbers": 2, "Heat": 3}
+    body, checks = Body(avatar, 0, library), 0
+    for number, line in enumerate((folder / "effects.txt").read_text().splitlines(), 1):
+        if not line or line.startswith("#"):
+            continue
+        call, _, expected = (part.strip() for part in line.partition("="))
+        word, *arguments = call.split()
+        checks += 1
+        if word == "open":
+            body = Body(avatar, 0, library)
+            assert body.error == 0
+            body.set_bones(np.eye(4)[None, :3])
+        elif word == "evaluate":
+            values = np.array(expected.split(), np.float64)
+            actual = body.evaluate(float(arguments[0]))
+            assert actual == pytest.approx(values, abs=1e-4), f"line {number}: {line}"
+        else:
+            effect, rest = numbers[arguments[0]], [float(text) for text in arguments[1:]]
+            if word == "add":
+                effect = body.add_volume(effect)
+            if word in ("add", "volume"):
+                matrix = rest[3] * np.eye(4)[:3]
+                matrix[:, 3] = rest[:3]
+                is_done = body.set_volume(effect, matrix) == 0 and body.trigger(effect, 1.0) == 0
+            else:
+                is_done = getattr(body, word)(effect, *rest) == 0
+            assert is_done == bool(int(expected)), f"line {number}: {line}"
+    assert checks > 20

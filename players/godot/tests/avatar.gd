@@ -35,6 +35,7 @@ func _run(folder: String) -> void:
 	await _check_tree()
 	_check_bones()
 	_check_created()
+	await _check_library(folder)
 	_check_following(folder)
 	_check_checksum()
 	print("%d checks, %d failed" % [_checks, _failed])
@@ -74,6 +75,34 @@ func _check_modifiers() -> void:
 		skeleton.set_bone_pose_position(bone, -FAR)
 	await process_frame
 	_is("a volume on a bone is where it is drawn", _values[0] > 8.0, true)
+	_free([body, skeleton])
+
+
+## Effects of another clip: the same ones, by name, on the body and the devices of the first.
+func _check_library(folder: String) -> void:
+	var skeleton := _skeleton()
+	var body := _body(skeleton)
+	var volume := _volume(Vector3.ZERO)
+	await _frames(2)
+	var alone := _values[0]
+	body.effects = HapticClip.from_bytes(FileAccess.get_file_as_bytes(folder.path_join("walk.hfxclip")))
+	await _frames(2)
+	_near("effects of a library", _values[0], alone)
+	_is("and only these", body.get_effect_clip() == body.effects, true)
+	var library := folder.path_join("../behaviour/library.hfxclip")
+	body.effects = HapticClip.from_bytes(FileAccess.get_file_as_bytes(library))
+	await _frames(2)
+	_is("a library without the volume", _values[0], 0.0)
+	volume.effect = "Ball"
+	body.trigger("Dot")
+	body.place("Dot", 90.0)
+	await _frames(2)
+	_is("names are those of the library", body.get_effect_clip().get_effects()[1].name, "Ball")
+	body.effects = null
+	volume.effect = "Volume 0"
+	await _frames(2)
+	_near("the clip's own again", _values[0], alone)
+	volume.free()
 	_free([body, skeleton])
 
 

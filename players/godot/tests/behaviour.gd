@@ -13,9 +13,17 @@ func _init() -> void:
 
 
 func _run(folder: String) -> void:
-	var clip := HapticClip.from_bytes(FileAccess.get_file_as_bytes(folder.path_join("behaviour.hfxclip")))
+	_play(folder.path_join("behaviour"), folder.path_join("behaviour.hfxclip"))
+	_play(folder.path_join("placed"), folder.path_join("ring.hfxclip"))
+	_feel(folder)
+	print("%d results, %d wrong" % [_checks, _wrong])
+	quit(1 if _wrong > 0 or _checks < 90 else 0)
+
+
+func _play(script: String, path: String) -> void:
+	var clip := HapticClip.from_bytes(FileAccess.get_file_as_bytes(path))
 	var number := 0
-	for line in FileAccess.get_file_as_string(folder.path_join("behaviour.txt")).split("\n"):
+	for line in FileAccess.get_file_as_string(script + ".txt").split("\n"):
 		number += 1
 		if line == "" or line.begins_with("#"):
 			continue
@@ -45,23 +53,74 @@ func _run(folder: String) -> void:
 			"loop":
 				_player.loop = argument == "1"
 			"gain":
-				_player.gain = NAN if argument == "nan" else float(argument)
+				_player.gain = _number(argument)
 			"pause":
 				_player.pause(argument == "1")
 			"stop":
 				_player.stop()
 			"seek":
 				_player.seek(float(argument))
+			"place":
+				_player.turn_degrees = _number(argument)
+				_player.raise_m = _number(call.get_slice(" ", 2))
+				_player.stretch = _number(call.get_slice(" ", 3))
 			"advance":
-				var found := _player.advance(float(argument))
-				var is_right := found.size() == 3
-				for k in found.size():
-					is_right = is_right and absf(found[k] - float(expected.get_slice(" ", k))) < 0.003
-				_check(number, expected if is_right else str(found), expected)
+				_compare(number, _player.advance(float(argument)), expected)
 			_:
 				_check(number, "an unknown call", "")
-	print("%d results, %d wrong" % [_checks, _wrong])
-	quit(1 if _wrong > 0 or _checks < 60 else 0)
+
+
+## Effects of a library on the body of another clip.
+func _feel(folder: String) -> void:
+	if not ClassDB.class_exists(&"HapticBodyCore"):
+		_check(0, "the compiled core is not there", "")
+		return
+	var avatar := HapticClip.from_bytes(FileAccess.get_file_as_bytes(folder.path_join("avatar.hfxclip")))
+	var library := HapticClip.from_bytes(FileAccess.get_file_as_bytes(folder.path_join("library.hfxclip")))
+	var names := library.get_effects().map(func(each: Dictionary) -> String: return each.name)
+	var core: RefCounted = ClassDB.instantiate(&"HapticBodyCore")
+	var number := 0
+	for line in FileAccess.get_file_as_string(folder.path_join("effects.txt")).split("\n"):
+		number += 1
+		if line == "" or line.begins_with("#"):
+			continue
+		var words := line.get_slice("=", 0).strip_edges().split(" ")
+		var expected := line.get_slice("=", 1).strip_edges() if "=" in line else ""
+		if words[0] == "open":
+			_check(number, str(core.open(avatar.bytes, 0, library.bytes)), "0")
+			core.set_bones(HapticBody.rows_of(Transform3D.IDENTITY))
+			continue
+		if words[0] == "evaluate":
+			_compare(number, core.evaluate(float(words[1])), expected)
+			continue
+		var effect := names.find(words[1])
+		var numbers: Array = Array(words.slice(2)).map(func(word: String) -> float: return float(word))
+		var error := 0
+		match words[0]:
+			"trigger":
+				error = core.trigger(effect, numbers[0])
+			"place":
+				error = core.place(effect, numbers[0], numbers[1], numbers[2])
+			"volume", "add":
+				if words[0] == "add":
+					effect = core.add_volume(effect)
+				var at := Transform3D(
+					Basis.from_scale(numbers[3] * Vector3.ONE), Vector3(numbers[0], numbers[1], numbers[2])
+				)
+				error = core.set_volume(effect, HapticBody.rows_of(at)) + core.trigger(effect, 1.0)
+		_check(number, str(int(error == 0)), expected)
+
+
+func _compare(number: int, found: PackedFloat32Array, expected: String) -> void:
+	var values := expected.split(" ")
+	var is_right := found.size() == values.size()
+	for k in mini(found.size(), values.size()):
+		is_right = is_right and absf(found[k] - float(values[k])) < 0.003
+	_check(number, expected if is_right else str(found), expected)
+
+
+static func _number(text: String) -> float:
+	return NAN if text == "nan" else float(text)
 
 
 func _check(number: int, found: String, expected: String) -> void:

@@ -93,6 +93,8 @@ static void play(const hfx_clip *clip) {
   hfx_player_loop(&player, (int)drawn(2));
   hfx_player_gain(&player, odd());
   if (columns) hfx_player_set_parameter(&player, column.parameter, odd());
+  if (drawn(2)) hfx_player_place(&player, odd(), odd(), odd());
+  else hfx_player_place(&player, drawn(400), 0.001 * drawn(500), 0.01 * drawn(300));
   for (i = 0; i < 4; i++) hfx_player_advance(&player, odd(), out);
   hfx_player_seek(&player, odd());
   hfx_player_advance(&player, 1e300, out);
@@ -105,8 +107,8 @@ static void play(const hfx_clip *clip) {
   (void)sum;
 }
 
-static void feel(const hfx_clip *clip) {
-  const size_t size = hfx_body_bytes(clip, 0);
+static void feel(const hfx_clip *clip, const hfx_clip *effects) {
+  const size_t size = hfx_body_effects_bytes(clip, 0, effects);
   const uint32_t bones = hfx_clip_bones(clip, 0), columns = hfx_clip_columns(clip);
   float *matrices, *out, turned[12] = {0};
   uint32_t i, k, count;
@@ -117,12 +119,12 @@ static void feel(const hfx_clip *clip) {
   memory = malloc(size);
   out = (float *)malloc(4 * (size_t)columns + 1);
   matrices = (float *)calloc(12 * (size_t)bones + 1, 4);
-  if (!hfx_body_open(&body, clip, 0, memory, size)) {
-    const uint32_t effects = hfx_clip_effects(clip);
+  if (!hfx_body_open_effects(&body, clip, 0, effects, memory, size)) {
+    const uint32_t number = hfx_clip_effects(effects);
     uint32_t added[3];
     for (k = 0; k < 3; k++) {
-      const uint32_t effect = effects ? drawn(effects) : 0;
-      needed = hfx_body_volume_bytes(clip, 0, effect);
+      const uint32_t effect = number ? drawn(number) : 0;
+      needed = hfx_body_effects_volume_bytes(clip, 0, effects, effect);
       block = needed && needed < 1 << 26 ? malloc(needed) : NULL;
       added[k] = hfx_body_add_volume(&body, effect, block, needed);
       if (added[k] == HFX_NONE) free(block);
@@ -133,12 +135,14 @@ static void feel(const hfx_clip *clip) {
         matrices[i] = (i % 12) % 5 == 0 && i % 12 < 11 ? 1.0f : 0.01f * (float)drawn(10);
       hfx_body_set_bones(&body, matrices);
       for (i = 0; i < 12; i++) turned[i] = (float)drawn(2000) * 0.001f - 1.0f;
-      if (hfx_clip_effects(clip)) hfx_body_set_volume(&body, drawn(hfx_clip_effects(clip)), turned);
-      for (i = 0; i < hfx_clip_effects(clip); i++) hfx_body_trigger(&body, i, drawn(8) ? 1.0 : odd());
+      if (number) hfx_body_set_volume(&body, drawn(number), turned);
+      for (i = 0; i < number; i++) hfx_body_trigger(&body, i, drawn(8) ? 1.0 : odd());
       if (drawn(8) == 0) matrices[drawn(12 * bones)] = (float)hfx_clamped(odd(), -3e38, 3e38);
       if (drawn(8) == 0) hfx_body_set_bones(&body, matrices);
+      if (number && drawn(3) == 0)
+        hfx_body_place(&body, drawn(number), drawn(2) ? odd() : drawn(400), odd(), drawn(2) ? odd() : 1.0);
       hfx_body_evaluate(&body, drawn(8) ? 0.02 : odd(), out);
-      for (i = 0; i < hfx_clip_effects(clip); i++) hfx_body_weights(&body, i, &count);
+      for (i = 0; i < number; i++) hfx_body_weights(&body, i, &count);
       for (i = 0; i < columns; i++)
         if (!(out[i] - out[i] == 0.0f)) abort();
     }
@@ -182,16 +186,22 @@ int main(int count, char **given) {
   }
   for (done = 0; done < inputs; done++) {
     const uint32_t chosen = drawn((uint32_t)known);
+    uint32_t other;
     /* of just its size, so that each byte past it is found */
     unsigned char *found = (unsigned char *)malloc(sizes[chosen]), *exact;
     const size_t size = damaged(clips[chosen], sizes[chosen], found);
-    hfx_clip clip;
+    hfx_clip clip, whole;
     exact = (unsigned char *)malloc(size);
     memcpy(exact, found, size);
     free(found);
     opened += hfx_clip_open(&clip, exact, size) == 0;
     play(&clip);
-    feel(&clip);
+    feel(&clip, &clip);
+    other = drawn((uint32_t)known);
+    if (drawn(4) == 0 && !hfx_clip_open(&whole, clips[other], sizes[other])) {
+      feel(&clip, &whole); /* damaged body or devices, damaged effects */
+      feel(&whole, &clip);
+    }
     explore(&clip);
     free(exact);
   }

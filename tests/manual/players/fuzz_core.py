@@ -2,9 +2,9 @@
 """Throw damaged clips at the core, compiled with address and undefined-behaviour sanitizers.
 
 ``python tests/manual/players/fuzz_core.py --inputs 10_000_000 --folder F`` changes small clips of
-``players/conformance`` and a clip with a spatial part. Finished inputs are counted in
-``F/totals.json`` after each slice; the same command goes on there. A finding ends the run, with a
-message and a seed.
+``players/conformance``, and a clip with a spatial part; bodies feel effects of other clips, too.
+Finished inputs are counted in ``F/totals.json`` after each slice; the same command goes on there.
+A finding ends the run, with a message and a seed.
 """
 
 from __future__ import annotations
@@ -37,7 +37,13 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         source = (Path(__file__).parent / "fuzz.c").read_text(encoding="utf-8")
         program = compiled(source, Path(name, "fuzz"), _SANITIZERS, *_STRICT)
-        clips = [*known[:6], write_small_clip(Path(name)), write_small_clip(Path(name), "walk2")]
+        by_hand = sorted((ROOT / "players/conformance/behaviour").glob("*.hfxclip"))
+        clips = [
+            *known[:6],
+            *by_hand,
+            write_small_clip(Path(name)),
+            write_small_clip(Path(name), "walk2"),
+        ]
         while totals["inputs"] < options.inputs:
             seed = totals["inputs"] // _SLICE + 1
             count = min(_SLICE, options.inputs - totals["inputs"])

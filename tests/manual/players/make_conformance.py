@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "players"))
 from check_spatial import moments
 from check_surfaces import FRAME_S, drawn, paths_of, surface_of
 from clip_cases import DEMOS, SPECS, Case, cases
+from hand_clips import avatar_clip, library_clip, ring_clip
 from walkers import RATE_HZ, walk
 
 from hfx_blender.engine.scene import EffectDescription, HapticSurface
@@ -107,7 +108,8 @@ def write_walk(folder: Path) -> None:
 
 
 def write_behaviour(folder: Path) -> None:
-    """Write ``behaviour.hfxclip``: ten rows of three devices; the calls are written by hand."""
+    """Write ``behaviour.hfxclip``, ten rows of three devices, and the clips of ``hand_clips``; the
+    calls are written by hand."""
     texts = Texts()
     text, rows = texts.add, 10
     ids = ("pad_left", "pad_right", "heater")
@@ -138,6 +140,8 @@ def write_behaviour(folder: Path) -> None:
         "TEXT": texts.records,
     }
     (folder / "behaviour.hfxclip").write_bytes(encoded(sections, "behaviour"))
+    for name, content in (("ring", ring_clip), ("avatar", avatar_clip), ("library", library_clip)):
+        (folder / f"{name}.hfxclip").write_bytes(content())
 
 
 def write_surfaces(folder: Path) -> None:

@@ -15,6 +15,12 @@ const HapticBones := preload("haptic_bones.gd")
 const TO_GODOT := Transform3D(Basis(Vector3.RIGHT, Vector3.FORWARD, Vector3.UP), Vector3.ZERO)
 const _NAMES := 12  # of missing bones in a message
 
+## The clip whose volumes and painted areas are felt, on the body of [member clip] and with its devices:
+## a library for all avatars. Empty: those of [member clip].
+@export var effects: HapticClip:
+	set(value):
+		_forget()
+		effects = value
 @export var skeleton: Skeleton3D:
 	set(value):
 		_forget()
@@ -34,6 +40,7 @@ var _drawn: Array[Transform3D] = []  # poses after modifiers, in the skeleton's 
 var _effects: Array[Dictionary] = []
 var _effect_numbers := {}  # name of a volume effect: its number
 var _levels := {}  # name of a painted area: its level
+var _places := {}  # name of a painted area: degrees, metres, stretch
 var _volumes := {}  # id of a HapticVolume node: number in the core, effect, frame, is late
 var _frame := 0
 var _said := {}  # messages in the log
@@ -104,13 +111,19 @@ func start() -> void:
 ## skeleton or the place in the tree changes.
 func trigger(effect: String, level := 1.0) -> void:
 	_levels[effect] = level
-	if _core == null:
-		return
-	for k in _effects.size():
-		if _effects[k].name == effect and _effects[k].is_painted:
-			_core.trigger(k, level)
-			return
-	_say("The clip has no painted area '%s'." % effect)
+	var number := _painted(effect)
+	if number >= 0:
+		_core.trigger(number, level)
+
+
+## Turns a painted area about the body's axis (to the left, seen from above counterclockwise), and
+## puts it higher, with heights about its own middle times [param stretch]. It stays so as after
+## [method trigger]. Takes as long as some frames: call it as an effect begins. Volumes are nodes.
+func place(effect: String, turn_degrees: float, raise_m := 0.0, stretch := 1.0) -> void:
+	_places[effect] = [turn_degrees, raise_m, stretch]
+	var number := _painted(effect)
+	if number >= 0:
+		_core.place(number, turn_degrees, raise_m, stretch)
 
 
 ## What each vertex of the model of an effect (its number in the clip) feels of it, 0 to 1; of several
@@ -136,6 +149,11 @@ func get_level(effect: int) -> float:
 		if volume.effect == effect:
 			level = maxf(level, _core.get_level(volume.number))
 	return level
+
+
+## The clip with the effects that are felt.
+func get_effect_clip() -> HapticClip:
+	return effects if effects != null else clip
 
 
 ## A transform as 3 x 4 numbers, row after row.
@@ -192,6 +210,17 @@ func _say(message: String) -> void:
 		push_warning("HapticBody '%s': %s" % [name, message])
 
 
+## Number of a painted area; -1: the clip has none of this name, or the core is not open yet.
+func _painted(effect: String) -> int:
+	if _core == null:
+		return -1
+	for k in _effects.size():
+		if _effects[k].name == effect and _effects[k].is_painted:
+			return k
+	_say("The clip has no painted area '%s'." % effect)
+	return -1
+
+
 func _open() -> String:
 	if _core != null:
 		return ""
@@ -215,16 +244,19 @@ func _open() -> String:
 	if _numbers.count(-1) == _numbers.size():
 		return "No bone of '%s' has a known name." % skeleton.name
 	_core = ClassDB.instantiate(&"HapticBodyCore")
-	var error: int = _core.open(clip.bytes, number)
+	var others := effects.bytes if effects != null else PackedByteArray()
+	var error: int = _core.open(clip.bytes, number, others)
 	if error != 0:
 		_core = null
 		return "The core refuses the clip (%d); 'hfx validate' says why." % error
-	_effects = clip.get_effects()
+	_effects = get_effect_clip().get_effects()
 	_effect_numbers.clear()
 	for k in _effects.size():
 		if not _effects[k].is_painted:
 			_effect_numbers[_effects[k].name] = k
 		_core.trigger(k, _levels.get(_effects[k].name, 0.0) if _effects[k].is_painted else 0.0)
+		if _places.has(_effects[k].name):
+			_core.callv(&"place", [k] + _places[_effects[k].name])
 	_from_rest.clear()
 	for bone in _numbers:
 		_from_rest.append(

@@ -19,14 +19,14 @@ func _parse_begin(object: Object) -> void:
 		"Adds a HapticVolume for each volume of the clip that the scene has none of: shape, size and"
 		+ " place as in Blender, below the node or bone of the same name."
 	)
-	button.disabled = object.clip == null
+	button.disabled = object.get_effect_clip() == null
 	button.pressed.connect(_create.bind(object))
 	add_custom_control(button)
 
 
 func _create(body: HapticBody) -> void:
 	var scene := EditorInterface.get_edited_scene_root()
-	var created := HapticVolumes.create(body.clip, scene, body.skeleton)
+	var created := HapticVolumes.create(body.get_effect_clip(), scene, body.skeleton)
 	if created.is_empty():
 		print("HFX: the scene has all volumes of the clip.")
 		return

@@ -15,6 +15,7 @@ const SIZES := {
 }
 const MODALITIES: PackedStringArray = ["vibration", "pressure", "temperature", "wind"]
 const SHAPES: PackedStringArray = ["cuboid", "sphere", "cylinder", "capsule"]
+const PLACES: PackedStringArray = ["vertices", "skin", "room"]
 const SIDES: PackedStringArray = ["", "left", "right"]
 
 ## The file as it is.
@@ -88,8 +89,8 @@ func find_devices(id: String) -> PackedInt32Array:
 	return found
 
 
-## For each actuator: id, modality, first_column, columns, side, parts, bone, human_bone,
-## update_interval_ms, slew_per_s, maximum_on_s, rest_s.
+## For each actuator: id, modality, first_column, columns, place (vertices, skin or room), side, parts,
+## bone, human_bone, centre_m (on the canonical body, in the clip's space), update_interval_ms, slew_per_s, maximum_on_s, rest_s.
 func get_actuators() -> Array[Dictionary]:
 	_read()
 	return _actuators
@@ -279,10 +280,14 @@ func _actuator(at: int) -> Dictionary:
 		"row_count": count,
 		"values": _part_offset("VALU") + 2 * bytes.decode_u32(at + 24),
 		"last_value": bytes.decode_u32(at + 24) + count * bytes.decode_u32(at + 12),
+		"place": PLACES[mini(bytes.decode_u32(at + 28), 2)],
 		"side": SIDES[mini(bytes.decode_u32(at + 32), 2)],
 		"parts": _text(at + 36),
 		"bone": _text(at + 40),
 		"human_bone": _text(at + 44),
+		"centre_m": Vector3(
+			bytes.decode_float(at + 48), bytes.decode_float(at + 52), bytes.decode_float(at + 56)
+		),
 		"update_interval_ms": bytes.decode_float(at + 68),
 		"slew_per_s": bytes.decode_float(at + 72),
 		"maximum_on_s": bytes.decode_float(at + 76),

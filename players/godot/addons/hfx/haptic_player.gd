@@ -10,6 +10,7 @@ extends HapticSource
 ## The clip came to its end by itself.
 signal finished
 
+const HapticPlaces := preload("haptic_places.gd")
 const _LONGEST_FRAME := 0.5  # seconds of an animation; what is longer is a jump
 const _EARLY := 1e-6  # of a row: times of frames are sums, and rounded
 
@@ -26,6 +27,25 @@ const _EARLY := 1e-6  # of a row: times of frames are sums, and rounded
 
 ## Speed of the clip's time; 0 stands still. The frequencies stay.
 @export_range(0.0, 4.0, 0.01, "or_greater") var speed := 1.0
+@export_group("Place")
+## Degrees by which all is turned about the body: to the left, seen from above counterclockwise. Only
+## devices that go round the body, or are on both sides of it, are turned.
+@export_range(-180.0, 180.0, 0.1, "or_less", "or_greater") var turn_degrees := 0.0:
+	set(value):
+		turn_degrees = value
+		_shares.clear()
+## Metres by which all is higher.
+@export_range(-1.0, 1.0, 0.01, "or_less", "or_greater") var raise_m := 0.0:
+	set(value):
+		raise_m = value
+		_shares.clear()
+## Scales heights about the middle of each device.
+@export_range(0.1, 4.0, 0.01, "or_greater") var stretch := 1.0:
+	set(value):
+		stretch = value
+		_shares.clear()
+@export_group("")
+
 ## Plays in step with this player's animation, wherever it plays, jumps or stops: with the named clip of
 ## the animation's name, else with the whole clip.
 @export var follow: AnimationPlayer
@@ -39,6 +59,7 @@ var _start := 0.0
 var _end := 0.0
 var _shown_row := -1
 var _factors := {}
+var _shares: Array = []  # for each actuator: [actuator, weight] of those whose values it plays
 
 
 func _init() -> void:
@@ -205,28 +226,71 @@ func _row_of(seconds: float) -> int:
 
 func _strongest(spans: Array) -> PackedFloat32Array:
 	var columns := clip.get_columns()
+	var actuators := clip.get_actuators()
 	var bytes := clip.bytes
 	var out := PackedFloat32Array()
 	out.resize(columns.size())
-	for actuator in clip.get_actuators():
-		var rows: PackedInt32Array = actuator.rows
-		var size: int = 2 * actuator.columns
-		var neutral: int = columns[actuator.first_column].neutral_number
-		var strongest: int = actuator.values
-		var farthest := 0
-		for span in spans:
-			if span.x > span.y:
-				continue
-			for entry in range(_entry_at(rows, span.x), _entry_at(rows, span.y) + 1):
-				var at: int = actuator.values + size * entry
-				var away := absi(bytes.decode_u16(at) - neutral)
-				if away >= farthest:
-					farthest = away
-					strongest = at
+	if HapticPlaces.is_elsewhere(turn_degrees, raise_m, stretch):
+		_strongest_placed(spans, out)
+		return out
+	for actuator in actuators:
+		var strongest := _strongest_value(actuator, spans)
 		for k in actuator.columns:
 			var column: int = actuator.first_column + k
-			out[column] = _value(columns[column], bytes.decode_u16(strongest + 2 * k), k == 0)
+			var number := bytes.decode_u16(strongest + 2 * k)
+			out[column] = _scaled(columns[column], _decoded(columns[column], number), k == 0)
 	return out
+
+
+## Turned, raised or stretched: each actuator plays shares of others' values.
+func _strongest_placed(spans: Array, out: PackedFloat32Array) -> void:
+	var columns := clip.get_columns()
+	var actuators := clip.get_actuators()
+	var bytes := clip.bytes
+	if _shares.size() != actuators.size():
+		_shares = HapticPlaces.find_shares(clip, turn_degrees, raise_m, stretch)
+	for index in actuators.size():
+		var sum := 0.0
+		var most := -1.0
+		var main := {}
+		var values := 0
+		for share: Array in _shares[index]:
+			var from: Dictionary = actuators[share[0]]
+			var at := _strongest_value(from, spans)
+			var strength: Dictionary = columns[from.first_column]
+			var away: float = share[1] * (_decoded(strength, bytes.decode_u16(at)) - strength.neutral)
+			sum += away
+			if absf(away) > most:
+				most = absf(away)
+				main = from
+				values = at
+		var first: int = actuators[index].first_column
+		for k in actuators[index].columns:
+			var column: Dictionary = columns[first + k]
+			var value: float = column.neutral + (sum if k == 0 else 0.0)
+			if k > 0 and not main.is_empty() and k < main.columns:
+				value = _decoded(columns[main.first_column + k], bytes.decode_u16(values + 2 * k))
+			out[first + k] = clampf(_scaled(column, value, k == 0), column.lowest, column.highest)
+
+
+## The byte of the strongest row of an actuator.
+func _strongest_value(actuator: Dictionary, spans: Array) -> int:
+	var rows: PackedInt32Array = actuator.rows
+	var size: int = 2 * actuator.columns
+	var neutral: int = clip.get_columns()[actuator.first_column].neutral_number
+	var bytes := clip.bytes
+	var strongest: int = actuator.values
+	var farthest := 0
+	for span in spans:
+		if span.x > span.y:
+			continue
+		for entry in range(_entry_at(rows, span.x), _entry_at(rows, span.y) + 1):
+			var at: int = actuator.values + size * entry
+			var away := absi(bytes.decode_u16(at) - neutral)
+			if away >= farthest:
+				farthest = away
+				strongest = at
+	return strongest
 
 
 ## The entry of an actuator that holds at a row.
@@ -234,12 +298,21 @@ static func _entry_at(rows: PackedInt32Array, row: int) -> int:
 	return maxi(rows.bsearch(row, false) - 1, 0)
 
 
-func _value(column: Dictionary, number: int, is_strength: bool) -> float:
-	var value: float = column.neutral
-	if number != column.neutral_number:
-		value = column.lowest + (column.highest - column.lowest) * number / 65535.0
+static func _decoded(column: Dictionary, number: int) -> float:
+	if number == column.neutral_number:
+		return column.neutral
+	return column.lowest + (column.highest - column.lowest) * number / 65535.0
+
+
+func _scaled(column: Dictionary, value: float, is_strength: bool) -> float:
 	var neutral: float = column.neutral if is_strength else 0.0
 	var factor: float = _factors.get(column.parameter, 1.0) * (_positive(gain) if is_strength else 1.0)
 	if factor == 1.0:
 		return value
 	return clampf(neutral + factor * (value - neutral), column.lowest, column.highest)
+
+
+## The clip is about to change.
+func _forget() -> void:
+	_shares.clear()
+	super()

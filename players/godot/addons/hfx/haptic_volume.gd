@@ -65,8 +65,8 @@ func _known_effects() -> PackedStringArray:
 		return names
 	var clips: Array[HapticClip] = []
 	for body: HapticBody in get_tree().root.find_children("*", "HapticBody", true, false):
-		if body.clip != null:
-			clips.append(body.clip)
+		if body.get_effect_clip() != null:
+			clips.append(body.get_effect_clip())
 	if clips.is_empty() and Engine.has_singleton(&"EditorInterface"):
 		var editor := Engine.get_singleton(&"EditorInterface")
 		_add_clips(editor.get_resource_filesystem().get_filesystem(), clips)
