@@ -9,14 +9,14 @@ from . import cli, operators, ui
 from .authoring import handlers
 from .blender import events
 from .playback.live import live
-from .playback.preview import preview
+from .playback.preview import effect_overlay, preview
 from .playback.timeline import timeline_clips
 from .processes.blender_session import inside_blender
 from .properties import objects, preferences
 
 _MODULES = (
     *(events, preferences, objects, operators, ui, handlers),
-    *(preview, timeline_clips, live, cli),
+    *(preview, effect_overlay, timeline_clips, live, cli),
 )
 
 

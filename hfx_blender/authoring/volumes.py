@@ -46,11 +46,17 @@ def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
     return Capsule(max(height / 2 - radius, 0.0) / max(radius, 1e-30))
 
 
-def modality_colour(modality: str) -> tuple[float, float, float, float]:
-    """Viewport colour (RGBA) of a modality's volumes."""
-    from ..engine.colouring import COLOURS
+def effect_colour(
+    hfx: bpy.types.PropertyGroup, palette: str = "WARM_COLD"
+) -> tuple[float, float, float, float]:
+    """Colour (RGBA) of an effect in a palette: that of its modality, or of cold for a temperature
+    below neutral."""
+    from ..engine.colouring import COLD, PALETTES
+    from ..engine.modality import neutral_temperature_c
 
-    red, green, blue = COLOURS[modality]
+    neutral_c = neutral_temperature_c(hfx.temperature_reference == "CONTACT")
+    is_cold = hfx.modality == "temperature" and hfx.temperature < neutral_c
+    red, green, blue = PALETTES[palette][COLD if is_cold else hfx.modality]
     return red, green, blue, 1.0
 
 
@@ -76,7 +82,7 @@ def refresh_display(effect: bpy.types.Object) -> None:
     hfx = effect.hfx
     if hfx.kind == "SURFACE":
         return  # an object of the user's scene
-    effect.color = modality_colour(hfx.modality)
+    effect.color = effect_colour(hfx)
     if effect.type != "MESH" or hfx.kind != "VOLUME" or hfx.shape == "MESH":
         return
     if effect.data.users > 1 or effect.data.library is not None:

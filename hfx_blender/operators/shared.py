@@ -7,6 +7,7 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable, Generator
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -65,6 +66,9 @@ class HfxOperator(bpy.types.Operator):
             cls.bl_description = ". ".join(
                 paragraph.rstrip(".") for paragraph in paragraphs if paragraph
             )
+        for name in ("invoke", "modal"):
+            if name in cls.__dict__:
+                setattr(cls, name, _reporting_faults(cls.__dict__[name]))
 
     def work(self, context: bpy.types.Context) -> str | None:
         """Run the operator; returns the report, or None or "" without a report."""
@@ -91,29 +95,13 @@ class HfxOperator(bpy.types.Operator):
             # The open .blend file must not be overwritten by a result.
             with inputs_kept([Path(source)] if source else []):
                 message = work()
-        except HfxError as error:
-            fault = str(error)
-        except OSError as error:
-            if error.filename is None:
-                raise
-            fault = str(fault_of_file(error))
-        # Packages missing from the small zip are named; other modules are defects.
-        except ModuleNotFoundError as error:
-            package = (error.name or "").partition(".")[0]
-            if package not in _PACKAGES:
-                raise
-            fault = (
-                f"This needs the Python package {package}, which this Blender lacks: install the "
-                "extension's zip for your platform, which brings it, or run "
-                f"'{sys.executable} -m pip install {package}'."
-            )
-        else:
-            preview.schedule_check()
-            if message:
-                self.report({"INFO"}, printable(message))
-            return {"FINISHED"}
-        self.report({"ERROR"}, fault)
-        return {"CANCELLED"}
+        except (HfxError, OSError, ModuleNotFoundError) as error:
+            self.report({"ERROR"}, _fault_of(error))
+            return {"CANCELLED"}
+        preview.schedule_check()
+        if message:
+            self.report({"INFO"}, printable(message))
+        return {"FINISHED"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -124,6 +112,43 @@ class HfxOperator(bpy.types.Operator):
                 cls.poll_message_set(hint)
                 return False
         return True
+
+
+def _fault_of(error: Exception) -> str:
+    """Text of an error that a user can cause; raises the error again if it is a defect."""
+    if isinstance(error, HfxError):
+        return str(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return str(fault_of_file(error))
+    # Packages missing from the small zip are named; other modules are defects.
+    package = (getattr(error, "name", None) or "").partition(".")[0]
+    if package not in _PACKAGES:
+        raise error
+    return (
+        f"This needs the Python package {package}, which this Blender lacks: install the "
+        "extension's zip for your platform, which brings it, or run "
+        f"'{sys.executable} -m pip install {package}'."
+    )
+
+
+def _reporting_faults(method: Callable[..., set[str]]) -> Callable[..., set[str]]:
+    """Wrap ``invoke`` or ``modal`` of an operator: errors of :func:`_fault_of` cancel with a
+    report, after ``cancel`` of a modal operator, which Blender does not call after an exception."""
+
+    @wraps(method)
+    def reporting(
+        self: HfxOperator, context: bpy.types.Context, event: bpy.types.Event
+    ) -> set[str]:
+        try:
+            return method(self, context, event)
+        except (HfxError, OSError, ModuleNotFoundError) as error:
+            fault = _fault_of(error)
+        if method.__name__ == "modal" and hasattr(self, "cancel"):
+            self.cancel(context)
+        self.report({"ERROR"}, fault)
+        return {"CANCELLED"}
+
+    return reporting
 
 
 class OnBodyOperator(HfxOperator):

@@ -103,7 +103,7 @@ def _overridable(kind: Callable[..., object], label: str, tip: str, **options: o
     return kind(name=label, description=tip, override={"LIBRARY_OVERRIDABLE"}, **options)
 
 
-def _parameter(modality: str, name: str, label: str, tip: str) -> object:
+def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> object:
     """Overridable float property with a parameter's default and range, its unit in the tooltip."""
     parameter = next(p for p in MODALITIES[modality].parameters if p.name == name)
     return _overridable(
@@ -113,6 +113,7 @@ def _parameter(modality: str, name: str, label: str, tip: str) -> object:
         default=parameter.default,
         min=parameter.minimum,
         max=parameter.maximum,
+        **options,
     )
 
 
@@ -267,7 +268,9 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     amplitude: _parameter("vibration", "amplitude_m_s2", "Amplitude", "Peak acceleration")
     frequency: _parameter("vibration", "frequency_hz", "Frequency", "Vibration frequency")
     pressure: _parameter("pressure", "pressure_kpa", "Pressure", "Pressure on the skin")
-    temperature: _parameter("temperature", "temperature_c", "Temperature", "Temperature")
+    temperature: _parameter(
+        "temperature", "temperature_c", "Temperature", "Temperature", update=_redraw_volume
+    )
     wind_speed: _parameter("wind", "speed_m_s", "Speed", "Speed of the air")
     temperature_reference: _overridable(
         EnumProperty,

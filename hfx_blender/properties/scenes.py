@@ -175,7 +175,10 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         options=set(),
     )
     palette: EnumProperty(
-        name="Colours", description="Colours of haptic sensations on the avatar", items=PALETTES
+        name="Colours",
+        description="Colours of haptic sensations on the avatar",
+        items=PALETTES,
+        default="WARM_COLD",
     )
     preview_opacity: FloatProperty(
         name="Opacity",

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gizmos in the viewport: sizes of a haptic volume; place and radius of a point on the skin."""
+"""Gizmos in the viewport: sizes of a haptic volume, direction of wind, place and radius of a point
+on the skin."""
 
 from __future__ import annotations
 
@@ -15,6 +16,7 @@ from ..blender.events import push_undo_soon
 from ..errors import HfxError
 from ..operators.paths.path_operators import active_spot
 from ..operators.shared import active_effect
+from ..playback.preview import effect_overlay
 
 _AXES: dict[str, dict[int, tuple[str, int, float]]] = {
     "SPHERE": {0: ("radius", -1, 1.0)},
@@ -147,10 +149,95 @@ def along(world: Matrix, axis: int) -> Matrix:
     )
 
 
+def turn_wind(effect: bpy.types.Object, direction: Vector) -> None:
+    """Turn an effect about its origin so that local Z has a world-space direction; no effect for a
+    zero vector. Auto Keying adds keyframes of the rotation."""
+    from ..authoring.paths import spot_placing
+
+    place, turned, scale = effect.matrix_world.decompose()
+    if direction.length < 1e-9:
+        return
+    # The smallest rotation, so that the volume does not roll about the wind.
+    before = turned @ Vector((0.0, 0.0, 1.0))
+    turned = before.rotation_difference(direction) @ turned
+    effect.matrix_world = Matrix.LocRotScale(place, turned, scale)
+    mode = effect.rotation_mode
+    names = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
+    path = names.get(mode, "rotation_euler")
+    if spot_placing.is_auto_keyed(bpy.context, effect, path):
+        effect.keyframe_insert(path)
+
+
+def active_wind(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Selected active effect whose local Z axis is the direction of the air; otherwise None."""
+    effect = active_effect(context)
+    is_shown = effect is not None and effect == context.object and effect.select_get()
+    return effect if is_shown and effect_overlay.is_windy(effect) else None
+
+
+def _wind_offset() -> tuple[float, float, float]:
+    """Arrow of the active wind from the effect's origin, world space; zero without wind."""
+    effect = active_wind(bpy.context)
+    if effect is None:
+        return (0.0, 0.0, 0.0)
+    return tuple(effect_overlay.wind_tip(effect) - effect.matrix_world.translation)
+
+
+def _drag_wind(offset: tuple[float, float, float]) -> None:
+    effect = active_wind(bpy.context)
+    if effect is not None:
+        turn_wind(effect, Vector(offset))
+        if not compat.GIZMOS_MAKE_UNDO_STEPS:
+            push_undo_soon()
+
+
+class HFX_GGT_wind(_ViewportGizmos, bpy.types.GizmoGroup):
+    """Turn the direction of the active wind"""
+
+    bl_idname = "HFX_GGT_wind"
+    bl_label = "Wind Direction"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return context.mode == "OBJECT" and active_wind(context) is not None
+
+    def setup(self, _context: bpy.types.Context) -> None:
+        self.tip = _point_handle(self.gizmos)
+        if compat.GIZMOS_MAKE_UNDO_STEPS:
+            self.tip.use_undo = True
+        self.tip.target_set_handler("offset", get=_wind_offset, set=_drag_wind)
+
+    def draw_prepare(self, context: bpy.types.Context) -> None:
+        effect = active_wind(context)
+        self.tip.hide = effect is None
+        if effect is not None:
+            self.tip.matrix_basis = Matrix.Translation(effect.matrix_world.translation)
+
+    refresh = draw_prepare
+
+
 _MIDDLE_PIXELS = 8.0
 _LEAST_RING_PIXELS = 24.0
 _COLOUR = (1.0, 0.85, 0.2)
 _SHOWN_BIG = (1.0, 1.0, 1.0)
+
+
+def _point_handle(gizmos: bpy.types.Gizmos) -> bpy.types.Gizmo:
+    """New gizmo of 8 pixels for a point that is moved in the plane of the view."""
+    handle = gizmos.new("GIZMO_GT_move_3d")
+    handle.draw_style = "RING_2D"
+    handle.draw_options = {"FILL_SELECT", "ALIGN_VIEW"}
+    # Blender draws a gizmo of scale 1 with 75 pixels by default.
+    handle.scale_basis = _MIDDLE_PIXELS / 75.0
+    _show_as_handle(handle)
+    return handle
+
+
+def _show_as_handle(gizmo: bpy.types.Gizmo) -> None:
+    gizmo.color, gizmo.alpha = _COLOUR, 0.8
+    gizmo.color_highlight, gizmo.alpha_highlight = _SHOWN_BIG, 1.0
+    gizmo.line_width = 2.0
+    gizmo.use_draw_modal = True
 
 
 class HFX_GGT_spot(_ViewportGizmos, bpy.types.GizmoGroup):
@@ -171,20 +258,12 @@ class HFX_GGT_spot(_ViewportGizmos, bpy.types.GizmoGroup):
         )
 
     def setup(self, _context: bpy.types.Context) -> None:
-        self.middle = self.gizmos.new("GIZMO_GT_move_3d")
-        self.middle.draw_style = "RING_2D"
-        self.middle.draw_options = {"FILL_SELECT", "ALIGN_VIEW"}
-        # Blender draws a gizmo of scale 1 with 75 pixels by default.
-        self.middle.scale_basis = _MIDDLE_PIXELS / 75.0
+        self.middle = _point_handle(self.gizmos)
         self.middle.target_set_operator("hfx.slide_spot").release_confirm = True
         self.ring = self.gizmos.new("GIZMO_GT_dial_3d")
         self.ring.use_draw_scale = False
         self.ring.target_set_operator("hfx.resize_spot").release_confirm = True
-        for gizmo in (self.ring, self.middle):
-            gizmo.color, gizmo.alpha = _COLOUR, 0.8
-            gizmo.color_highlight, gizmo.alpha_highlight = _SHOWN_BIG, 1.0
-            gizmo.line_width = 2.0
-            gizmo.use_draw_modal = True
+        _show_as_handle(self.ring)
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
         effect = active_spot(context)

@@ -247,7 +247,7 @@ def _make_effect(
     effect.hfx.role = "EFFECT"
     effect.hfx.uid = uuid.uuid4().hex
     effect.hfx.modality = modality
-    effect.color = volumes.modality_colour(modality)
+    effect.color = volumes.effect_colour(effect.hfx)
     _collection(scene).objects.link(effect)
     return effect
 

@@ -22,6 +22,7 @@ from ..shared import (
     HfxOperator,
     MenuOperator,
     OnBodyOperator,
+    active_body,
     active_effect,
     select_only,
     target_body,
@@ -115,7 +116,8 @@ class HFX_OT_add_volume(HfxOperator):
 
 
 class HFX_OT_volume_from_mesh(HfxOperator):
-    """Add a haptic volume with the shape of the active mesh, parented to the mesh"""
+    """Add a haptic volume with the shape of the active mesh, parented to the mesh, which is then
+    shown as a wire"""
 
     leaves_mode = True
     bl_label = "Haptic Volume from Mesh"
@@ -127,9 +129,12 @@ class HFX_OT_volume_from_mesh(HfxOperator):
     requires = (ON_MESH,)
 
     def work(self, context: bpy.types.Context) -> None:
-        effect = effects.volume_from_mesh(
-            context.scene, self.modality, context.object, self.name or None
-        )
+        source = context.object
+        # A solid mesh would hide the skin inside; an avatar shows the colours itself.
+        has_body = active_body(context) is not None
+        effect = effects.volume_from_mesh(context.scene, self.modality, source, self.name or None)
+        if not has_body:
+            source.display_type = "WIRE"
         _show_wire_colours(context)
         select_only(context, effect)
 

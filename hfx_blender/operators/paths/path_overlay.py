@@ -9,7 +9,7 @@ import bpy
 
 from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
-from ...authoring.volumes import modality_colour
+from ...authoring.volumes import effect_colour
 from ...blender.scene_info import metres_of
 from ...errors import HfxError
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 _ABOVE_SKIN_M = 0.003
 _RING = 24
 _MOST_POINTS = 400
-_WIDTH = 2.5
 _FAINT = 0.45
 _PENDING_COLOUR = (1.0, 0.85, 0.2, 1.0)
 
@@ -113,6 +112,8 @@ def _draw() -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
+    from ...playback.preview.drawing import card_state, draw_lines
+
     space = bpy.context.space_data
     if space is None or not space.overlay.show_overlays:
         return
@@ -129,38 +130,19 @@ def _draw() -> None:
             lines = lines_of(effect, depsgraph, unit_m)
             if lines is not None:
                 strength = 1.0 if effect == bpy.context.object else _FAINT
-                colour = (*modality_colour(effect.hfx.modality)[:3], strength)
+                colour = (*effect_colour(effect.hfx)[:3], strength)
                 for line in lines:
-                    _draw_line(line, colour)
+                    draw_lines(line, colour)
         if body is not None and places is not None and len(places):
-            _draw_line(_on_body(body, depsgraph, path, unit_m), _PENDING_COLOUR)
+            draw_lines(_on_body(body, depsgraph, path, unit_m), _PENDING_COLOUR)
             points = _on_body(body, depsgraph, places, unit_m)
             shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-            gpu.state.point_size_set(7.0)
-            shader.uniform_float("color", _PENDING_COLOUR)
-            batch_for_shader(shader, "POINTS", {"pos": points}).draw(shader)
-            gpu.state.point_size_set(1.0)
+            with card_state("NONE"):
+                gpu.state.point_size_set(7.0)
+                shader.uniform_float("color", _PENDING_COLOUR)
+                batch_for_shader(shader, "POINTS", {"pos": points}).draw(shader)
     except (HfxError, ReferenceError):
         return  # the export and the panels report faults
-
-
-def _draw_line(points: F32, colour: tuple[float, ...]) -> None:
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    if len(points) < 2:
-        return
-    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-    batch = batch_for_shader(shader, "LINE_STRIP", {"pos": points})
-    gpu.state.blend_set("ALPHA")
-    gpu.state.depth_test_set("LESS_EQUAL")
-    shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-    shader.uniform_float("lineWidth", _WIDTH)
-    shader.uniform_float("color", colour)
-    batch.draw(shader)
-    # The state outlives this callback, and Blender's further drawing expects the default.
-    gpu.state.depth_test_set("NONE")
-    gpu.state.blend_set("NONE")
 
 
 def register() -> None:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from .actuator_glow import Discs, Looks
     from .skin_colours import Layer
 
-_MARGIN = 10.0
+MARGIN = 10.0
 _TALLEST = 0.45  # of the chart, as a share of the viewport
-_TEXT = (0.92, 0.92, 0.92, 1.0)
+TEXT = (0.92, 0.92, 0.92, 1.0)
 _PLAYHEAD = (0.28, 0.45, 0.7, 1.0)  # as in Blender's timeline
 _TICK = (1.0, 1.0, 1.0, 0.15)
 
@@ -37,7 +37,8 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
     if not layers:
         return
     shader = card_shaders.skin()
-    with _over_skin("ALPHA_PREMULT"):
+    # Without writing: coplanar surfaces would flicker.
+    with card_state("ALPHA_PREMULT", "LESS_EQUAL"):
         gpu.state.face_culling_set("BACK")
         shader.bind()
         shader.uniform_float("opacity", opacity)
@@ -50,7 +51,6 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
                 to_viewer = gpu.matrix.get_model_view_matrix()[2].xyz.normalized()
                 shader.uniform_float("to_viewer", to_viewer)
                 submit(batch, shader)
-        gpu.state.face_culling_set("NONE")
 
 
 def draw_discs(parts: Sequence[Discs]) -> None:
@@ -63,7 +63,7 @@ def draw_discs(parts: Sequence[Discs]) -> None:
     if not parts:
         return
     shader = card_shaders.discs()
-    with _over_skin("ALPHA"):
+    with card_state("ALPHA", "LESS_EQUAL"):
         shader.bind()
         for part in parts:
             shader.uniform_float("above", part.above)
@@ -82,19 +82,46 @@ def submit(batch: gpu.types.GPUBatch, shader: gpu.types.GPUShader) -> None:
 
 
 @contextmanager
-def _over_skin(blend: str) -> Iterator[None]:
-    """Context of surfaces just above the skin: depth test without writing, and a blend mode."""
+def card_state(blend: str = "ALPHA", depth_test: str = "NONE") -> Iterator[None]:
+    """Context of drawing with a blend mode and a depth test, without writing depth.
+
+    Ends with the state that Blender expects after a draw handler, also after an exception.
+    """
     import gpu
 
-    # Blender draws on with this state of the card, so the state is restored.
-    writes = gpu.state.depth_mask_get()
-    gpu.state.blend_set(blend)
-    gpu.state.depth_test_set("LESS_EQUAL")
-    gpu.state.depth_mask_set(False)  # coplanar surfaces would flicker
-    yield
-    gpu.state.depth_mask_set(writes)
-    gpu.state.depth_test_set("NONE")
-    gpu.state.blend_set("NONE")
+    state = gpu.state
+    writes = state.depth_mask_get()
+    state.blend_set(blend)
+    state.depth_test_set(depth_test)
+    state.depth_mask_set(False)
+    try:
+        yield
+    finally:
+        state.depth_mask_set(writes)
+        state.depth_test_set("NONE")
+        state.face_culling_set("NONE")
+        state.point_size_set(1.0)
+        state.line_width_set(1.0)
+        state.blend_set("NONE")
+
+
+def draw_lines(
+    points: F32, colour: tuple[float, ...], kind: str = "LINE_STRIP", width: float = 2.5
+) -> None:
+    """Draw a line (n, 3), or with "LINES" a line for each two points; world space, ``width`` in
+    pixels, hidden behind other surfaces. Nothing for less than two points."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    if len(points) < 2:
+        return
+    shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    batch = batch_for_shader(shader, kind, {"pos": points})
+    with card_state("ALPHA", "LESS_EQUAL"):
+        shader.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+        shader.uniform_float("lineWidth", width)
+        shader.uniform_float("color", colour)
+        batch.draw(shader)
 
 
 class _OnCard:
@@ -197,7 +224,7 @@ def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, fl
             left = max(left, panel.x + panel.width - region.x)
         elif panel.type == "UI" and panel.x > region.x:
             right = min(right, panel.x - region.x)
-    return left + _MARGIN, right - _MARGIN
+    return left + MARGIN, right - MARGIN
 
 
 class ChartDrawing:
@@ -228,9 +255,8 @@ class ChartDrawing:
         half = max(scale, 1.0)
         marks = ticks(bpy.context.scene, chart, scale)
         lines = [(x, 0.5, _TICK) for x, _ in marks] + [(chart.x_of(frame), half, _PLAYHEAD)]
-        gpu.state.blend_set("ALPHA")
-        with gpu.matrix.push_pop():
-            gpu.matrix.translate((left, _MARGIN))
+        with card_state(), gpu.matrix.push_pop():
+            gpu.matrix.translate((left, MARGIN))
             for batch in self._batches:
                 batch.draw(shader)
             for x, wide, colour in lines:
@@ -240,7 +266,7 @@ class ChartDrawing:
                     content = {"pos": line, "color": [colour] * 4}
                     batch_for_shader(shader, "TRI_STRIP", content).draw(shader)
         blf.size(0, 11.0 * scale)
-        blf.color(0, *_TEXT[:3], 1.0 if fresh else 0.5)
+        blf.color(0, *TEXT[:3], 1.0 if fresh else 0.5)
         blf.enable(0, blf.SHADOW)  # texts are drawn over the curves
         blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
         for label in chart.labels:
@@ -248,13 +274,12 @@ class ChartDrawing:
             if label.values is not None:
                 index = min(max(int(np.searchsorted(chart.times, frame)), 0), len(label.values) - 1)
                 text = f"{text}   {label.values[index]:.1f} {label.unit}"
-            _write(text, left + label.left, _MARGIN + label.bottom, chart.width - label.left)
+            _write(text, left + label.left, MARGIN + label.bottom, chart.width - label.left)
         for x, text in marks:
-            _write(text, left + x + 3 * scale, _MARGIN + 4 * scale, chart.width - x)
+            _write(text, left + x + 3 * scale, MARGIN + 4 * scale, chart.width - x)
         if note:
-            _write(note, left, _MARGIN + chart.height + 4 * scale, chart.width)
+            _write(note, left, MARGIN + chart.height + 4 * scale, chart.width)
         blf.disable(0, blf.SHADOW)
-        gpu.state.blend_set("NONE")
 
 
 class ChartView:
@@ -281,9 +306,9 @@ class ChartView:
         record = recorder.result
         if record is None:
             blf.size(0, 11.0 * bpy.context.preferences.system.ui_scale)
-            blf.color(0, *_TEXT)
+            blf.color(0, *TEXT)
             note = recorder.fault or "Values over time: nothing is felt yet"
-            _write(note, left, _MARGIN, 10_000.0)
+            _write(note, left, MARGIN, 10_000.0)
             return
         frames = _timeline_frames(context, region.x + left, region.x + right)
         size = right - left, _TALLEST * region.height

@@ -58,10 +58,10 @@ def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    from ...engine.colouring import PALETTES
+    from ...authoring.volumes import effect_colour
+    from ..preview.drawing import card_state
 
     scale = context.preferences.system.ui_scale
-    palette = PALETTES[context.scene.hfx.palette]
     region, shader = context.region, gpu.shader.from_builtin("SMOOTH_COLOR")
     room = region.height - (_RULER + _BELOW) * scale
     height = min(max(room / len(rows), _LEAST_ROW * scale), _MOST_ROW * scale)
@@ -72,7 +72,7 @@ def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object
         low = region.height - _RULER * scale - (number + 1) * height
         high = low + height - _GAP * scale
         for effect, track, strip in ((e, *clip) for e in row for clip in clips.strips_of(e)):
-            colour = palette[effect.hfx.modality]
+            colour = effect_colour(effect.hfx, context.scene.hfx.palette)[:3]
             is_off = strip.mute or track.mute or effect.hfx.is_muted
             # The envelope in pixels, piecewise linear: the NLA's own curve is not public.
             points = [
@@ -92,10 +92,9 @@ def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object
                 _, first, _, last, _ = names.pop()
                 left, right = min(left, first), max(right, last)
             names.append((name, left, low, right, high - low))
-    gpu.state.blend_set("ALPHA")
     content = {"pos": corners, "color": colours}
-    batch_for_shader(shader, "TRIS", content).draw(shader)
-    gpu.state.blend_set("NONE")
+    with card_state():
+        batch_for_shader(shader, "TRIS", content).draw(shader)
     for name, x, low, right, tall in names:
         if tall >= _TEXT_ROW * scale:
             _write(name, max(x, 0.0) + 3.0 * scale, low + 0.3 * tall, right, scale)

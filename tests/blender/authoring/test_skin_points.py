@@ -419,6 +419,28 @@ def test_a_package_that_is_not_there_is_told_and_is_no_traceback(
     assert len(bpy.data.objects) == before
 
 
+def test_a_package_that_is_not_there_ends_a_drawing_with_a_report(
+    spot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.authoring.paths import paths
+
+    def missing() -> Any:
+        raise ModuleNotFoundError("No module named 'scipy'", name="scipy.sparse.csgraph")
+
+    drawing = _Drawing("STRAIGHT", spot.hfx.body)
+    ends: list[str] = []
+    drawing.cancel = lambda _context: ends.append("cancel")
+    drawing.report = lambda kinds, text: ends.append(f"{kinds} {text}")
+    assert _mouse(monkeypatch, drawing, "LEFTMOUSE", 0.0, "PRESS") == {"RUNNING_MODAL"}
+    monkeypatch.setattr(paths, "skin", missing)
+    assert _mouse(monkeypatch, drawing, "LEFTMOUSE", 0.05, "PRESS") == {"CANCELLED"}
+    assert ends[0] == "cancel" and "{'ERROR'} This needs the Python package scipy" in ends[1]
+    assert len(ends) == 2
+    monkeypatch.setattr(paths, "skin", lambda: 1 / 0)  # a defect is not hidden
+    with pytest.raises(ZeroDivisionError):
+        _mouse(monkeypatch, drawing, "LEFTMOUSE", 0.1, "PRESS")
+
+
 def test_a_click_on_a_panel_over_the_view_is_for_the_panel(
     spot: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
