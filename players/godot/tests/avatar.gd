@@ -36,6 +36,7 @@ func _run(folder: String) -> void:
 	_check_bones()
 	_check_created()
 	await _check_library(folder)
+	_check_instance()
 	_check_following(folder)
 	_check_checksum()
 	print("%d checks, %d failed" % [_checks, _failed])
@@ -204,6 +205,34 @@ func _check_bones() -> void:
 	_is("no known bone", "known name" in body._get_configuration_warnings()[0], true)
 	_is("bones of the clip", bones.size(), 124)
 	_free([body, skeleton, strange])
+
+
+## An avatar that is an instanced scene: its skeleton cannot be chosen in the editor, and nodes inside
+## are saved only if its children are editable.
+func _check_instance() -> void:
+	var avatar := Node3D.new()
+	var inner := Skeleton3D.new()
+	inner.add_bone("Volume 5")
+	avatar.add_child(inner)
+	inner.owner = avatar
+	var packed := PackedScene.new()
+	packed.pack(avatar)
+	avatar.free()
+	avatar = packed.instantiate()
+	inner = avatar.get_child(0)
+	var scene := Node3D.new()
+	scene.add_child(avatar)
+	avatar.owner = scene
+	root.add_child(scene)
+	var body := HapticBody.new()
+	avatar.add_child(body)
+	_is("the skeleton below the parent", body.skeleton, inner)
+	var created := HapticVolumes.create(_clip, scene, body.skeleton)
+	_is("in the instance", created[5].instances, [avatar] as Array[Node])
+	_is("not in an instance", created[0].instances.size(), 0)
+	for each: Dictionary in created:
+		each.node.free()
+	scene.free()
 
 
 func _check_created() -> void:

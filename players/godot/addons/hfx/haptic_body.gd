@@ -21,6 +21,7 @@ const _NAMES := 12  # of missing bones in a message
 	set(value):
 		_forget()
 		effects = value
+## Skeleton of the avatar. A new node takes the parent, or the first skeleton below the parent.
 @export var skeleton: Skeleton3D:
 	set(value):
 		_forget()
@@ -48,6 +49,18 @@ var _said := {}  # messages in the log
 
 func _init() -> void:
 	process_priority = 1000  # when the skeleton has been moved
+
+
+func _enter_tree() -> void:
+	var parent := get_parent()
+	if skeleton != null:
+		return
+	if parent is Skeleton3D:
+		skeleton = parent
+		return
+	for node: Skeleton3D in parent.find_children("*", "Skeleton3D", true, false):
+		skeleton = node
+		return
 
 
 func _ready() -> void:

@@ -32,6 +32,10 @@ func _create(body: HapticBody) -> void:
 		return
 	undo_redo.create_action("Create Volumes from the Clip", UndoRedo.MERGE_DISABLE, scene)
 	for each: Dictionary in created:
+		for instance: Node in each.instances:
+			if not scene.is_editable_instance(instance):
+				undo_redo.add_do_method(scene, "set_editable_instance", instance, true)
+				undo_redo.add_undo_method(scene, "set_editable_instance", instance, false)
 		undo_redo.add_do_method(each.parent, "add_child", each.node, true)
 		for node: Node in each.owned:
 			undo_redo.add_do_property(node, "owner", scene)

@@ -17,6 +17,7 @@ signal values_changed(values: PackedFloat32Array)
 			_forget()
 		clip = value
 		update_configuration_warnings()
+		notify_property_list_changed()  # names in the clip, and buttons in the inspector
 ## Silent while the window or the headset is in the background.
 @export var silent_without_focus := true
 

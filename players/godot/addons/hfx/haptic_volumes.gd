@@ -5,7 +5,8 @@ extends RefCounted
 
 
 ## A volume node for each volume effect of a clip that no node below [param scene] has: parent, node
-## (not added yet) and owned, the nodes that need an owner. A volume hangs below the Node3D, or the
+## (not added yet), owned, the nodes that need an owner, and instances, the instanced scenes round the
+## parent: their children have to be editable, or the scene is saved without the node. A volume hangs below the Node3D, or the
 ## bone, of the effect's name, else below the scene; its place in the world is that of the effect where
 ## Blender's scene has it first.
 static func create(clip: HapticClip, scene: Node, skeleton: Skeleton3D) -> Array[Dictionary]:
@@ -39,8 +40,20 @@ static func create(clip: HapticClip, scene: Node, skeleton: Skeleton3D) -> Array
 		elif scene is Node3D:
 			at = _in_world(scene)
 		volume.transform = at.affine_inverse() * effect.transform
-		created.append({"parent": parent if parent != null else scene, "node": top, "owned": owned})
+		if parent == null:
+			parent = scene
+		var instances := _instances_above(parent, scene)
+		created.append({"parent": parent, "node": top, "owned": owned, "instances": instances})
 	return created
+
+
+## Roots of the instanced scenes in [param scene] that contain a node, the innermost first.
+static func _instances_above(node: Node, scene: Node) -> Array[Node]:
+	var instances: Array[Node] = []
+	while node != scene and node.owner != null and node.owner != scene:
+		instances.append(node.owner)
+		node = node.owner
+	return instances
 
 
 static func _node_named(scene: Node, name: String) -> Node3D:
