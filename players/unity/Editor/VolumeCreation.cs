@@ -14,8 +14,8 @@ namespace Hfx.Haptics.Editor
         static void Create(MenuCommand command)
         {
             HapticBody body = (HapticBody)command.context;
-            if (body.Clip == null) Debug.LogError("Choose a clip first.", body);
-            else Create(body.Clip);
+            if (body.EffectClip == null) Debug.LogError("Choose a clip first.", body);
+            else Create(body.EffectClip);
         }
 
         [MenuItem("CONTEXT/HapticClipAsset/" + Name)]

@@ -13,7 +13,8 @@ namespace Hfx.Haptics
         const double Early = 1e-6; // of a row: times of frames are sums, and rounded
 
         readonly double[] factors; // of each column
-        double start, end;
+        double start, end, turnDegrees, raise, stretch = 1.0;
+        ActuatorShare[][] shares; // of each actuator; null: nothing is turned, raised or stretched
         int shownRow;
         bool loops, loopsWhole; // what plays now; the whole clip
 
@@ -59,12 +60,33 @@ namespace Hfx.Haptics
             return false;
         }
 
-        /// <summary>Gain and factors of 1, no loop, silence.</summary>
+        /// <summary>
+        /// Turns all about the body (degrees to the left, seen from above counterclockwise), raises it by metres, and
+        /// multiplies heights about the middle of each device; 0, 0, 1 as made. Only devices that go round the body, or
+        /// are on both sides of it, are turned. Makes garbage where something changes; what is no number counts as made.
+        /// </summary>
+        public void Place(double degrees, double metres, double heights)
+        {
+            degrees = Finite(degrees) ? ActuatorShares.Wrapped(degrees) : 0.0;
+            metres = Finite(metres) ? metres : 0.0;
+            heights = Finite(heights) && heights > 0.0 ? heights : 1.0;
+            if (degrees == turnDegrees && metres == raise && heights == stretch) return;
+            turnDegrees = degrees;
+            raise = metres;
+            stretch = heights;
+            bool isPlain = turnDegrees == 0.0 && raise == 0.0 && stretch == 1.0;
+            shares = isPlain ? null : ActuatorShares.Find(Clip, turnDegrees, raise, stretch);
+        }
+
+        static bool Finite(double value) { return !double.IsNaN(value) && !double.IsInfinity(value); }
+
+        /// <summary>Gain and factors of 1, no loop, as made, silence.</summary>
         public void Reset()
         {
             Gain = 1.0;
             for (int k = 0; k < factors.Length; k++) factors[k] = 1.0;
             loopsWhole = false;
+            Place(0.0, 0.0, 1.0);
             Begin(0.0, 0.0, false);
         }
 
@@ -133,7 +155,21 @@ namespace Hfx.Haptics
                 }
             }
             shownRow = now;
-            foreach (Actuator actuator in Clip.Actuators) Strongest(actuator, first, until, again, last, values);
+            for (int k = 0; k < Clip.Actuators.Length; k++)
+            {
+                Actuator actuator = Clip.Actuators[k];
+                if (shares != null)
+                {
+                    Placed(actuator, shares[k], first, until, again, last, values);
+                    continue;
+                }
+                int strongest = Strongest(actuator, first, until, again, last);
+                for (int c = 0; c < actuator.Columns; c++)
+                {
+                    int column = actuator.FirstColumn + c;
+                    values[column] = (float)Scaled(column, Decoded(column, Clip.NumberAt(strongest + c)), c == 0);
+                }
+            }
         }
 
         /// <summary>
@@ -185,8 +221,39 @@ namespace Hfx.Haptics
             return (int)Math.Min(Math.Max(Math.Floor(seconds * Clip.RateHz + Early), first), last);
         }
 
-        /// <summary>Of the rows of two spans, both ends included; a span that ends before it begins is none.</summary>
-        void Strongest(Actuator actuator, int first, int until, int again, int last, float[] values)
+        /// <summary>The values of other actuators, by shares; frequency and direction of the largest.</summary>
+        void Placed(Actuator actuator, ActuatorShare[] from, int first, int until, int again, int last, float[] values)
+        {
+            double sum = 0.0, most = -1.0;
+            Actuator main = null;
+            int at = 0;
+            for (int k = 0; k < from.Length; k++)
+            {
+                Actuator source = Clip.Actuators[from[k].Actuator];
+                int strongest = Strongest(source, first, until, again, last);
+                double away = Decoded(source.FirstColumn, Clip.NumberAt(strongest)) - Clip.Columns[source.FirstColumn].Neutral;
+                away *= from[k].Weight;
+                sum += away;
+                if (!(Math.Abs(away) > most)) continue;
+                most = Math.Abs(away);
+                main = source;
+                at = strongest;
+            }
+            for (int k = 0; k < actuator.Columns; k++)
+            {
+                Column column = Clip.Columns[actuator.FirstColumn + k];
+                double value = k == 0 ? column.Neutral + sum : column.Neutral;
+                if (k > 0 && main != null && k < main.Columns) value = Decoded(main.FirstColumn + k, Clip.NumberAt(at + k));
+                value = Scaled(actuator.FirstColumn + k, value, k == 0);
+                values[actuator.FirstColumn + k] = (float)Math.Min(Math.Max(value, column.Lowest), column.Highest);
+            }
+        }
+
+        /// <summary>
+        /// The strongest row's first value, of the rows of two spans, both ends included; a span that ends before it
+        /// begins is none.
+        /// </summary>
+        int Strongest(Actuator actuator, int first, int until, int again, int last)
         {
             int neutral = Clip.Columns[actuator.FirstColumn].NeutralNumber;
             int strongest = actuator.FirstValue, farthest = 0;
@@ -204,20 +271,23 @@ namespace Hfx.Haptics
                     strongest = value;
                 }
             }
-            for (int k = 0; k < actuator.Columns; k++)
-                values[actuator.FirstColumn + k] = Scaled(actuator.FirstColumn + k, Clip.NumberAt(strongest + k), k == 0);
+            return strongest;
         }
 
-        float Scaled(int index, int number, bool isStrength)
+        double Decoded(int index, int number)
         {
             Column column = Clip.Columns[index];
-            double value = number == column.NeutralNumber
-                ? column.Neutral
-                : column.Lowest + (column.Highest - column.Lowest) * number / 65535.0;
+            if (number == column.NeutralNumber) return column.Neutral;
+            return column.Lowest + (column.Highest - column.Lowest) * number / 65535.0;
+        }
+
+        double Scaled(int index, double value, bool isStrength)
+        {
+            Column column = Clip.Columns[index];
             double neutral = isStrength ? column.Neutral : 0.0;
             double scale = isStrength ? Positive(Gain) * factors[index] : factors[index];
-            if (scale == 1.0) return (float)value;
-            return (float)Math.Min(Math.Max(neutral + scale * (value - neutral), column.Lowest), column.Highest);
+            if (scale == 1.0) return value;
+            return Math.Min(Math.Max(neutral + scale * (value - neutral), column.Lowest), column.Highest);
         }
 
         static double Positive(double value) { return value > 0.0 ? Math.Min(value, float.MaxValue) : 0.0; }

@@ -23,6 +23,11 @@ namespace Hfx.Haptics
         public const int LateOrder = 30000;
 
         [SerializeField] HapticClipAsset clip;
+        /// <summary>
+        /// The clip whose volumes and painted areas are felt, on the body of the other clip and with its devices: a
+        /// library for all avatars. Empty: those of the clip itself.
+        /// </summary>
+        [SerializeField] HapticClipAsset effects;
         /// <summary>For bones that are found by no name, of a humanoid avatar; empty: the first in this object.</summary>
         [SerializeField] Animator animator;
         /// <summary>The body of the clip; empty: its first.</summary>
@@ -41,6 +46,7 @@ namespace Hfx.Haptics
 
         readonly List<Placed> placed = new List<Placed>(); // in the order of HapticVolume.All
         readonly Dictionary<string, float> triggers = new Dictionary<string, float>();
+        readonly Dictionary<string, Vector3> places = new Dictionary<string, Vector3>(); // degrees, metres, heights
         readonly Dictionary<Transform, Matrix4x4> rest = new Dictionary<Transform, Matrix4x4>(); // to the root
         LiveBody core;
         Transform[] bones; // for each bone of the clip; null: as its parent
@@ -61,6 +67,17 @@ namespace Hfx.Haptics
             {
                 Close();
                 clip = value;
+            }
+        }
+
+        /// <summary>The file of a clip whose effects are felt in place of the clip's own; null: none. The triggers stay.</summary>
+        public HapticClipAsset EffectAsset
+        {
+            get { return effects; }
+            set
+            {
+                effects = value;
+                isStale = true;
             }
         }
 
@@ -87,6 +104,8 @@ namespace Hfx.Haptics
         }
 
         public HapticClip Clip { get { return clip != null ? clip.Clip : null; } }
+        /// <summary>The clip with the effects that are felt.</summary>
+        public HapticClip EffectClip { get { return effects != null ? effects.Clip : Clip; } }
         /// <summary>One value for each column; null before the first frame with a clip.</summary>
         public float[] Values { get { return values; } }
         /// <summary>The core; null before the first frame, and where it or the clip is missing.</summary>
@@ -116,11 +135,31 @@ namespace Hfx.Haptics
         {
             bool found = false;
             triggers[effect] = factor;
-            for (int k = 0; Clip != null && k < Clip.Effects.Length; k++)
+            HapticClip of = EffectClip;
+            for (int k = 0; of != null && k < of.Effects.Length; k++)
             {
-                if (!Clip.Effects[k].IsPainted || Clip.Effects[k].Name != effect) continue;
+                if (!of.Effects[k].IsPainted || of.Effects[k].Name != effect) continue;
                 found = true;
-                if (core != null) core.Trigger(k, factor);
+                if (core != null && !isStale) core.Trigger(k, factor);
+            }
+            return found;
+        }
+
+        /// <summary>
+        /// Turns a painted area about the body's axis (degrees to the left, seen from above counterclockwise), raises it
+        /// by metres, and multiplies heights about its own middle; 0, 0, 1: as made. False: the clip has none of this
+        /// name. It stays as after <see cref="Trigger"/>. Takes as long as some frames. Volumes are objects of their own.
+        /// </summary>
+        public bool Place(string effect, float turnDegrees, float raise = 0.0f, float stretch = 1.0f)
+        {
+            bool found = false;
+            HapticClip of = EffectClip;
+            places[effect] = new Vector3(turnDegrees, raise, stretch);
+            for (int k = 0; of != null && k < of.Effects.Length; k++)
+            {
+                if (!of.Effects[k].IsPainted || of.Effects[k].Name != effect) continue;
+                found = true;
+                if (core != null && !isStale) core.Place(k, turnDegrees, raise, stretch);
             }
             return found;
         }
@@ -236,7 +275,7 @@ namespace Hfx.Haptics
                 return "the clip has no body '" + body + "', but: " + string.Join(", ", Array.ConvertAll(bodies, of => of.Name)) + ".";
             try
             {
-                core = new LiveBody(clip.Clip, number);
+                core = new LiveBody(clip.Clip, number, effects != null ? effects.Clip : null);
             }
             catch (DllNotFoundException)
             {
@@ -253,11 +292,14 @@ namespace Hfx.Haptics
             values = new float[clip.Clip.Columns.Length];
             matrix = new float[12];
             // Each volume is one of its own; those of the clip itself are off.
-            for (int k = 0; k < core.Clip.Effects.Length; k++)
+            Effect[] all = core.EffectClip.Effects;
+            for (int k = 0; k < all.Length; k++)
             {
                 float factor = 0.0f;
-                if (core.Clip.Effects[k].IsPainted) triggers.TryGetValue(core.Clip.Effects[k].Name, out factor);
+                Vector3 place;
+                if (all[k].IsPainted) triggers.TryGetValue(all[k].Name, out factor);
                 core.Trigger(k, factor);
+                if (places.TryGetValue(all[k].Name, out place)) core.Place(k, place.x, place.y, place.z);
             }
             return FindBones() ? "" : "no bone of the avatar has a known name. Known are those of the clip, VRM, Mixamo, Unreal and Rigify.";
         }
@@ -343,9 +385,9 @@ namespace Hfx.Haptics
 
         Placed Added(HapticVolume volume)
         {
-            int effect = VolumeNamed(core.Clip, volume.Effect);
+            int effect = VolumeNamed(core.EffectClip, volume.Effect);
             bool isKnown = effect >= 0;
-            for (int k = 0; k < All.Count && !isKnown; k++) isKnown = VolumeNamed(All[k].Clip, volume.Effect) >= 0;
+            for (int k = 0; k < All.Count && !isKnown; k++) isKnown = VolumeNamed(All[k].EffectClip, volume.Effect) >= 0;
             if (!isKnown)
                 Debug.LogWarning("No haptic body has a clip with a volume named '" + volume.Effect + "'.", volume);
             return new Placed { Volume = volume, Effect = volume.Effect, Number = effect < 0 ? -1 : core.AddVolume(effect) };

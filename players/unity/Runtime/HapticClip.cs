@@ -9,6 +9,9 @@ namespace Hfx.Haptics
 
     public enum Side { Any, Left, Right }
 
+    /// <summary>What an actuator acts on: vertices of a model, a patch of skin, or the room.</summary>
+    public enum ActuatorPlace { Vertices, Skin, Room }
+
     /// <summary>A device of a clip and the body that wears it.</summary>
     public sealed class Device
     {
@@ -33,6 +36,9 @@ namespace Hfx.Haptics
         public string Id, Parts, Bone, HumanBone;
         public Modality Modality;
         public Side Side;
+        public ActuatorPlace Place;
+        /// <summary>On the canonical body, metres, in the clip's space; 0 where there is none.</summary>
+        public float CentreX, CentreY, CentreZ;
         public int FirstColumn, Columns;
         public float UpdateIntervalMs, SlewPerSecond, MaximumOnSeconds, RestSeconds;
         internal int FirstRow, Rows, FirstValue;
@@ -218,6 +224,8 @@ namespace Hfx.Haptics
                 FirstRow = Index(at + 16, parts["ROWS"].Count, "row"), Rows = Index(at + 20, int.MaxValue, "rows"),
                 FirstValue = Index(at + 24, parts["VALU"].Count, "value"), Side = (Side)Index(at + 32, 3, "side"),
                 Parts = Text(at + 36), Bone = Text(at + 40), HumanBone = Text(at + 44),
+                Place = (ActuatorPlace)Index(at + 28, 3, "place"),
+                CentreX = F32(at + 48), CentreY = F32(at + 52), CentreZ = F32(at + 56),
                 UpdateIntervalMs = F32(at + 68), SlewPerSecond = F32(at + 72),
                 MaximumOnSeconds = F32(at + 76), RestSeconds = F32(at + 80),
             };

@@ -20,6 +20,13 @@ namespace Hfx.Haptics
         /// <summary>Seconds of the clip in a second of the game; 0 stands still.</summary>
         [SerializeField, Range(0.0f, 4.0f)] float speed = 1.0f;
 
+        /// <summary>Turns all about the body: degrees to the left, seen from above counterclockwise.</summary>
+        [SerializeField] float turnDegrees;
+        /// <summary>Raises all by metres.</summary>
+        [SerializeField] float raise;
+        /// <summary>Multiplies heights about the middle of each device.</summary>
+        [SerializeField] float stretch = 1.0f;
+
         /// <summary>
         /// Plays in step with the state of this animator, wherever it plays, jumps or stops: the named clip of the
         /// state's name, else the whole clip. Play, Seek, Loop and Speed have no effect then.
@@ -67,6 +74,12 @@ namespace Hfx.Haptics
             }
         }
         public int FollowedLayer { get { return followedLayer; } set { followedLayer = value; } }
+        /// <summary>Turns all about the body, to the left; devices that do not go round it, or are not on both sides, stay.</summary>
+        public float TurnDegrees { get { return turnDegrees; } set { turnDegrees = value; } }
+        /// <summary>Raises all by metres; devices of one height stay.</summary>
+        public float Raise { get { return raise; } set { raise = value; } }
+        /// <summary>Multiplies heights about the middle of each device.</summary>
+        public float Stretch { get { return stretch; } set { stretch = value; } }
         public float Speed { get { return speed; } set { speed = value; } }
         /// <summary>Whether the whole clip loops; set while a named clip plays, it applies to that, too.</summary>
         public bool Loop
@@ -162,6 +175,7 @@ namespace Hfx.Haptics
             }
             if (loop != isLooping) Loop = loop; // changed in the inspector
             player.Gain = gain;
+            player.Place(turnDegrees, raise, stretch);
             player.Advance(Time.deltaTime * speed, values);
             Tell();
             if (player.IsPlaying) return;
@@ -187,6 +201,7 @@ namespace Hfx.Haptics
             double turns = state.normalizedTime;
             double seconds = (state.loop ? turns - Math.Floor(turns) : Math.Min(turns, 1.0)) * state.length;
             player.Gain = gain;
+            player.Place(turnDegrees, raise, stretch);
             player.Follow(seconds, state.loop ? state.length : 0.0, values);
             Tell();
         }

@@ -35,7 +35,7 @@ namespace Hfx.Haptics
         [SerializeField] float fullAmplitude = 12.75f;
 
         SurfaceStroke stroke;
-        float waited = 1.0f, phoneWait, sharpness;
+        float waited = 1.0f, phoneWait;
         bool isOn, isAway, isKnown;
 
         /// <summary>Each frame of a touch, and once more as it ends.</summary>
@@ -44,6 +44,8 @@ namespace Hfx.Haptics
         /// <summary>Peak amplitude, m/s².</summary>
         public float Amplitude { get; private set; }
         public float FrequencyHz { get; private set; }
+        /// <summary>0 (rough) to 1.</summary>
+        public float Sharpness { get; private set; }
         public Vector2 Repeat { get { return repeat; } set { repeat = value; } }
         public float Gain { get { return gain; } set { gain = value; } }
         public Hand Controller { get { return controller; } set { controller = value; } }
@@ -92,7 +94,7 @@ namespace Hfx.Haptics
             {
                 Amplitude = stroke.Amplitude;
                 FrequencyHz = stroke.FrequencyHz;
-                sharpness = stroke.Sharpness;
+                Sharpness = stroke.Sharpness;
             }
             waited = 0.0f;
         }
@@ -184,7 +186,7 @@ namespace Hfx.Haptics
             // The large motor of a gamepad is the lower one.
             UnityEngine.InputSystem.Gamepad gamepad = UnityEngine.InputSystem.Gamepad.current;
             if (vibratesGamepad && gamepad != null && (share > 0.0f || isOn))
-                gamepad.SetMotorSpeeds(share * (1.0f - sharpness), share * sharpness);
+                gamepad.SetMotorSpeeds(share * (1.0f - Sharpness), share * Sharpness);
 #endif
             if (vibratesPhone && share > 0.0f && phoneWait <= 0.0f)
             {

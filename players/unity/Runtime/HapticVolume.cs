@@ -4,6 +4,9 @@ using UnityEngine;
 
 namespace Hfx.Haptics
 {
+    /// <summary>The inspector offers the names of volume effects for this text.</summary>
+    public sealed class EffectNameAttribute : PropertyAttribute { }
+
     /// <summary>
     /// A volume of a clip in the game's world, felt by every <see cref="HapticBody"/> that it meets
     /// while it is enabled. Any number of volumes may have the same effect: each has a contact response of its own,
@@ -15,7 +18,7 @@ namespace Hfx.Haptics
         internal static readonly List<HapticVolume> All = new List<HapticVolume>();
 
         /// <summary>Name of the effect in the clip.</summary>
-        [SerializeField] string effect = "";
+        [SerializeField, EffectName] string effect = "";
         /// <summary>Factor of the effect's own level in the clip, 0 (off) to 1.</summary>
         [SerializeField, Range(0.0f, 1.0f)] float level = 1.0f;
         /// <summary>What the editor draws; what is felt has the shape in the clip.</summary>

@@ -14,19 +14,31 @@ namespace Hfx.Haptics
 
         IntPtr self;
 
+        /// <summary>The clip of the body and its devices.</summary>
         public HapticClip Clip { get; private set; }
+        /// <summary>The clip of the volumes and painted areas, often the same.</summary>
+        public HapticClip EffectClip { get; private set; }
         public Body Body { get; private set; }
 
         /// <exception cref="FormatException">The core refuses the clip; the message says why.</exception>
         /// <exception cref="DllNotFoundException">The core was not compiled for this platform.</exception>
         /// <exception cref="EntryPointNotFoundException">The compiled core is older than this package.</exception>
-        public LiveBody(HapticClip clip, int body)
+        public LiveBody(HapticClip clip, int body) : this(clip, body, null) { }
+
+        /// <summary>Feels the effects of another clip on a body of this one; null: those of the same.</summary>
+        /// <exception cref="FormatException">The core refuses a clip; the message says why.</exception>
+        /// <exception cref="DllNotFoundException">The core was not compiled for this platform.</exception>
+        /// <exception cref="EntryPointNotFoundException">The compiled core is older than this package.</exception>
+        public LiveBody(HapticClip clip, int body, HapticClip effects)
         {
             hfx_live_version();
             int error;
-            self = hfx_live_open(clip.Bytes, (UIntPtr)clip.Bytes.Length, (uint)body, out error);
+            byte[] others = effects != null ? effects.Bytes : null;
+            self = hfx_live_open_effects(
+                clip.Bytes, (UIntPtr)clip.Bytes.Length, (uint)body, others, (UIntPtr)(others != null ? others.Length : 0), out error);
             if (self == IntPtr.Zero) throw new FormatException(Marshal.PtrToStringAnsi(hfx_live_error(error)));
             Clip = clip;
+            EffectClip = effects ?? clip;
             Body = clip.Bodies[body];
         }
 
@@ -63,6 +75,15 @@ namespace Hfx.Haptics
         }
 
         /// <summary>
+        /// Turns a painted area about the body's axis (degrees to the left), raises it by metres, and multiplies heights
+        /// about its own middle. Takes as long as some frames; false: there is no such painted area.
+        /// </summary>
+        public bool Place(int effect, double degrees, double metres, double heights)
+        {
+            return hfx_live_place(self, (uint)effect, degrees, metres, heights) == 0;
+        }
+
+        /// <summary>
         /// Adds one more volume of an effect, off, with a contact response of its own; its number, which stands for
         /// an effect in all other methods, or -1: there is no such volume effect, or no memory.
         /// </summary>
@@ -95,13 +116,14 @@ namespace Hfx.Haptics
         }
 
         [DllImport(Library)] static extern uint hfx_live_version();
-        [DllImport(Library)] static extern IntPtr hfx_live_open(byte[] bytes, UIntPtr size, uint body, out int error);
+        [DllImport(Library)] static extern IntPtr hfx_live_open_effects(byte[] bytes, UIntPtr size, uint body, byte[] effects, UIntPtr effectsSize, out int error);
         [DllImport(Library)] static extern void hfx_live_close(IntPtr self);
         [DllImport(Library)] static extern IntPtr hfx_live_error(int error);
         [DllImport(Library)] static extern int hfx_live_set_bones(IntPtr self, float[] matrices, uint count);
         [DllImport(Library)] static extern int hfx_live_set_volume(IntPtr self, uint effect, float[] matrix, uint count);
         [DllImport(Library)] static extern int hfx_live_set_parameter(IntPtr self, uint effect, uint parameter, double value);
         [DllImport(Library)] static extern int hfx_live_trigger(IntPtr self, uint effect, double factor);
+        [DllImport(Library)] static extern int hfx_live_place(IntPtr self, uint effect, double degrees, double metres, double heights);
         [DllImport(Library)] static extern int hfx_live_add_volume(IntPtr self, uint effect);
         [DllImport(Library)] static extern int hfx_live_remove_volume(IntPtr self, uint number);
         [DllImport(Library)] static extern int hfx_live_evaluate(IntPtr self, double seconds, float[] values, uint count);

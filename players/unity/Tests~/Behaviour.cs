@@ -12,11 +12,18 @@ static class Behaviour
     /// <summary>The number of lines that are wrong.</summary>
     public static int Play(string folder)
     {
-        HapticClip clip = new HapticClip(File.ReadAllBytes(Path.Combine(folder, "behaviour.hfxclip")));
+        int wrong = Play(Path.Combine(folder, "behaviour.txt"), Path.Combine(folder, "behaviour.hfxclip"), 80);
+        wrong += Play(Path.Combine(folder, "placed.txt"), Path.Combine(folder, "ring.hfxclip"), 40);
+        return wrong + Follow(Path.Combine(folder, "behaviour.hfxclip"));
+    }
+
+    static int Play(string script, string path, int least)
+    {
+        HapticClip clip = new HapticClip(File.ReadAllBytes(path));
         ClipPlayer player = null;
         float[] values = new float[clip.Columns.Length];
         int wrong = 0, compared = 0;
-        foreach (string line in File.ReadAllLines(Path.Combine(folder, "behaviour.txt")))
+        foreach (string line in File.ReadAllLines(script))
         {
             if (line.Length == 0 || line[0] == '#') continue;
             string[] sides = line.Split('='), call = sides[0].Trim().Split(new[] { ' ' }, 2);
@@ -41,6 +48,10 @@ static class Behaviour
                     found = isThere + "";
                     expected = expected ?? "";
                     break;
+                case "place":
+                    double[] place = Array.ConvertAll(argument.Split(' '), Number);
+                    player.Place(place[0], place[1], place[2]);
+                    break;
                 case "advance":
                     player.Advance(Number(argument), values);
                     found = Values(clip, values, expected);
@@ -53,8 +64,54 @@ static class Behaviour
             wrong++;
             Console.WriteLine("behaviour: " + line + ": " + found);
         }
-        return (compared > 80 ? wrong : wrong + 1) + Follow(Path.Combine(folder, "behaviour.hfxclip"));
+        return compared >= least ? wrong : wrong + 1;
     }
+
+    /// <summary>Effects of a library on the body of another clip, by the compiled core.</summary>
+    public static int Feel(string folder)
+    {
+        HapticClip avatar = new HapticClip(File.ReadAllBytes(Path.Combine(folder, "avatar.hfxclip")));
+        HapticClip library = new HapticClip(File.ReadAllBytes(Path.Combine(folder, "library.hfxclip")));
+        LiveBody body = null;
+        float[] values = new float[avatar.Columns.Length];
+        int wrong = 0, compared = 0;
+        foreach (string line in File.ReadAllLines(Path.Combine(folder, "effects.txt")))
+        {
+            if (line.Length == 0 || line[0] == '#') continue;
+            string[] sides = line.Split('='), words = sides[0].Trim().Split(' ');
+            string expected = sides.Length > 1 ? sides[1].Trim() : null, found = null;
+            compared++;
+            if (words[0] == "open")
+            {
+                body = new LiveBody(avatar, 0, library);
+                if (!body.SetBones(Sphere(0.0f, 0.0f, 0.0f, 1.0f))) wrong++;
+                continue;
+            }
+            if (words[0] == "evaluate")
+            {
+                body.Evaluate(Number(words[1]), values);
+                found = Values(avatar, values, expected);
+            }
+            else
+            {
+                int effect = Array.FindIndex(library.Effects, each => each.Name == words[1]);
+                float[] numbers = Array.ConvertAll(words, word => { float number; return float.TryParse(word, NumberStyles.Float, CultureInfo.InvariantCulture, out number) ? number : 0.0f; });
+                bool isDone = true;
+                if (words[0] == "add") effect = body.AddVolume(effect);
+                if (words[0] == "trigger") isDone = body.Trigger(effect, numbers[2]);
+                else if (words[0] == "place") isDone = body.Place(effect, numbers[2], numbers[3], numbers[4]);
+                else isDone = body.SetVolume(effect, Sphere(numbers[2], numbers[3], numbers[4], numbers[5])) && body.Trigger(effect, 1.0);
+                found = isDone ? "1" : "0";
+            }
+            if (found == expected) continue;
+            wrong++;
+            Console.WriteLine("effects: " + line + ": " + found);
+        }
+        body.Dispose();
+        return compared > 20 ? wrong : wrong + 1;
+    }
+
+    static float[] Sphere(float x, float y, float z, float radius) { return new[] { radius, 0, 0, x, 0, radius, 0, y, 0, 0, radius, z }; }
 
     /// <summary>
     /// Follows an animator: rows of 0.1 s have 1 to 10 at the first column; Strike is 0.2 to 0.5 s. In the state Strike,

@@ -34,6 +34,7 @@ static class Bodies
         Settings(asset, path);
         Names(asset);
         Controllers(asset);
+        Library(asset, path);
         Garbage(asset);
         return wrong;
     }
@@ -218,6 +219,30 @@ static class Bodies
         GameObject.Call(controllers, "OnDisable");
         GameObject.Call(body, "OnDisable");
         GameObject.Call(other, "OnDisable");
+    }
+
+    /// <summary>Effects of another clip, felt by its names on the body and the devices of the first.</summary>
+    static void Library(HapticClipAsset asset, string path)
+    {
+        HapticClipAsset library = ScriptableObject.CreateInstance<HapticClipAsset>();
+        library.SetBytes(File.ReadAllBytes(path));
+        HapticBody body = Body(asset, "root", "wrist.L");
+        body.Trigger("Painted", 1.0f);
+        Frame(body);
+        float own = body.Values[0];
+        body.EffectAsset = library;
+        Frame(body);
+        Demand(own > 0.0f && body.Values[0] == own && body.Core.EffectClip == library.Clip, "effects of a library, a trigger stays");
+        Demand(body.Place("Painted", 0.0f, 50.0f) && !body.Place("Nothing", 90.0f), "painted areas are placed by name");
+        Frame(body);
+        Demand(body.Values[0] == 0.0f, "a painted area above the body is not felt");
+        body.EffectAsset = null;
+        Frame(body);
+        Demand(body.Values[0] == 0.0f && body.EffectClip == asset.Clip, "its place stays, the effects are the clip's own again");
+        body.Place("Painted", 0.0f);
+        Frame(body);
+        Demand(body.Values[0] == own, "as made again");
+        GameObject.Call(body, "OnDisable");
     }
 
     static void Garbage(HapticClipAsset asset)

@@ -27,6 +27,7 @@ static class Conformance
         Check(Components.Play(paths[0].Replace(Path.GetFileName(paths[0]), "touch.hfxclip")), "components");
         int felt = 0;
         if (arguments.Length > 1) felt = Spatial.Walk(arguments[1], ref wrong);
+        if (arguments.Length > 1) wrong += Behaviour.Feel(Path.Combine(arguments[0], "behaviour"));
         if (arguments.Length > 1) wrong += Creation.Play(Path.Combine(arguments[1], "walk.hfxclip"));
         if (arguments.Length > 2) wrong += Bodies.Play(arguments[2]);
         Console.WriteLine(paths.Length + " clips, " + compared + " values compared, " + damaged + " damaged ones refused, " + felt + " weights felt, " + wrong + " wrong");
@@ -119,6 +120,7 @@ static class Conformance
         float[] values = new float[clip.Columns.Length];
         player.Play();
         player.Loops = true;
+        player.Place(path.Length % 2 * 30.0, 0.0, 1.0); // every other clip is turned
         player.Advance(0.01, values);
         long before = GC.GetTotalMemory(true);
         int collections = GC.CollectionCount(0);

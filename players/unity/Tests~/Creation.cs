@@ -37,7 +37,44 @@ static class Creation
             }
         }
         foreach (HapticVolume volume in created) GameObject.Call(volume, "OnDisable");
+        wrong += Names(path);
         if (wrong > 0) Console.WriteLine("created volumes: " + wrong + " wrong");
+        return wrong;
+    }
+
+    /// <summary>The drop-down of effects: of the project's clips, then of the body in the scene; an unknown name stays.</summary>
+    static int Names(string path)
+    {
+        HapticClipAsset asset = ScriptableObject.CreateInstance<HapticClipAsset>();
+        asset.SetBytes(File.ReadAllBytes(path));
+        EffectNameDrawer drawer = new EffectNameDrawer();
+        SerializedProperty property = new SerializedProperty { stringValue = "Old name" };
+        GameObject.all.Clear();
+        AssetDatabase.assets.Clear();
+        EditorGUI.picked = -1;
+        drawer.OnGUI(new Rect(), property, new GUIContent());
+        int wrong = EditorGUI.shown == null && property.stringValue == "Old name" ? 0 : 1; // no clip: a text
+        AssetDatabase.assets["clip"] = asset;
+        drawer.OnGUI(new Rect(), property, new GUIContent());
+        if (EditorGUI.shown[0] != "(none)" || EditorGUI.shown[1] != "Volume 0" || EditorGUI.shown.Length != 10) wrong++;
+        if (EditorGUI.shown[9] != "Old name" || property.stringValue != "Old name") wrong++;
+        EditorGUI.picked = 2;
+        drawer.OnGUI(new Rect(), property, new GUIContent());
+        if (property.stringValue != "Volume 1") wrong++;
+        EditorGUI.picked = 0;
+        drawer.OnGUI(new Rect(), property, new GUIContent());
+        if (property.stringValue != "") wrong++;
+        EditorGUI.picked = -1;
+        HapticClipAsset library = ScriptableObject.CreateInstance<HapticClipAsset>();
+        library.SetBytes(File.ReadAllBytes(path.Replace("spatial", "behaviour").Replace("walk", "library")));
+        HapticBody body = new GameObject().AddComponent<HapticBody>();
+        body.Asset = asset;
+        body.EffectAsset = library;
+        drawer.OnGUI(new Rect(), property, new GUIContent());
+        if (string.Join(",", EditorGUI.shown) != "(none),Ball") wrong++; // what the body feels
+        GameObject.Call(body, "OnDisable");
+        AssetDatabase.assets.Clear();
+        GameObject.all.Clear();
         return wrong;
     }
 

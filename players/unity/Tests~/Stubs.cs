@@ -234,6 +234,8 @@ namespace UnityEngine
         }
     }
     public sealed class SerializeField : Attribute { }
+    public abstract class PropertyAttribute : Attribute { }
+    public sealed class GUIContent { public string text = "Effect"; }
     public sealed class HideInInspectorAttribute : Attribute { }
     public sealed class AddComponentMenu : Attribute { public AddComponentMenu(string path) { } }
     public sealed class RangeAttribute : Attribute { public RangeAttribute(float lowest, float highest) { } }
@@ -260,6 +262,34 @@ namespace UnityEngine.XR
 
 namespace UnityEditor
 {
+    public sealed class CustomPropertyDrawer : Attribute { public CustomPropertyDrawer(Type of) { } }
+    public abstract class PropertyDrawer
+    {
+        public abstract void OnGUI(UnityEngine.Rect position, SerializedProperty property, UnityEngine.GUIContent label);
+    }
+    public sealed class SerializedProperty { public string stringValue = ""; }
+    public static class EditorGUI
+    {
+        public static int picked = -1;
+        public static string[] shown;
+        public static int Popup(UnityEngine.Rect position, string label, int chosen, string[] options)
+        {
+            shown = options;
+            return picked < 0 ? chosen : picked;
+        }
+        public static bool PropertyField(UnityEngine.Rect position, SerializedProperty property, UnityEngine.GUIContent label)
+        {
+            shown = null;
+            return false;
+        }
+    }
+    public static class AssetDatabase
+    {
+        public static readonly Dictionary<string, UnityEngine.Object> assets = new Dictionary<string, UnityEngine.Object>();
+        public static string[] FindAssets(string filter) { return new List<string>(assets.Keys).ToArray(); }
+        public static string GUIDToAssetPath(string guid) { return guid; }
+        public static T LoadAssetAtPath<T>(string path) where T : UnityEngine.Object { return assets[path] as T; }
+    }
     public sealed class MenuItem : Attribute { public MenuItem(string path) { } }
     public sealed class MenuCommand { public UnityEngine.Object context; }
     public static class Undo
