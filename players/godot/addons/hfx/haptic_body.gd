@@ -21,6 +21,7 @@ const _NAMES := 12  # of missing bones in a message
 	set(value):
 		_forget()
 		effects = value
+		notify_property_list_changed()
 ## Skeleton of the avatar. A new node takes the parent, or the first skeleton below the parent.
 @export var skeleton: Skeleton3D:
 	set(value):
