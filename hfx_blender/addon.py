@@ -7,7 +7,7 @@ import atexit
 
 from . import cli, operators, ui
 from .authoring import handlers
-from .blender import events
+from .blender import events, translation
 from .playback.live import live
 from .playback.preview import effect_overlay, preview
 from .playback.timeline import timeline_clips
@@ -15,7 +15,7 @@ from .processes.blender_session import inside_blender
 from .properties import objects, preferences
 
 _MODULES = (
-    *(events, preferences, objects, operators, ui, handlers),
+    *(translation, events, preferences, objects, operators, ui, handlers),
     *(preview, effect_overlay, timeline_clips, live, cli),
 )
 

@@ -19,6 +19,7 @@ from bpy.props import (
 from ..authoring import painting
 from ..authoring.effects import effects
 from ..avatars import avatar_meshes
+from ..blender.translation import translated
 from ..engine.modality import MODALITIES
 from ..engine.stepwise import within
 from ..errors import InputError
@@ -115,7 +116,7 @@ class _FittingOperator(StepwiseOperator):
         meshes = yield from within(choosing(context, body, mapping_of), 0.0, 0.3)
         steps = bodies.adding_body(body, next(iter(meshes), None), meshes[1:], mapping_of)
         for warning in (yield from within(steps, 0.3, 1.0)):
-            self.report({"WARNING"}, printable(f"{body.name}: {warning}"))
+            self.report({"WARNING"}, translated(printable(f"{body.name}: {warning}")))
         # The report names all candidates, so that a missing mesh of the avatar is noticed.
         taken = avatar_meshes.meshes_of(body)
         there = dict.fromkeys((*avatar_meshes.visible_meshes(context, body), *selected))
@@ -310,7 +311,7 @@ class _BonesOperator(HfxOperator):
         try:
             bone_table.fill(armature, keep_corrections=keep_corrections)
         except InputError as error:
-            self.report({"WARNING"}, str(error))
+            self.report({"WARNING"}, translated(str(error)))
             return ""
         count = sum(1 for row in armature.hfx.bone_map if row.found)
         return f"{count} bones found ({armature.hfx.bone_map_convention})"
@@ -367,7 +368,7 @@ class HFX_OT_load_bones(_BonesFileOperator):
         from ..avatars import bone_table
 
         for warning in bone_table.load(armature, self.path()):
-            self.report({"WARNING"}, printable(warning))
+            self.report({"WARNING"}, translated(printable(warning)))
         count = sum(1 for row in armature.hfx.bone_map if row.bone)
         return f"{count} bones loaded"
 

@@ -15,6 +15,7 @@ from bpy_extras.io_utils import ExportHelper
 from ..authoring import clips
 from ..authoring.effects import swarms
 from ..blender.events import add_handlers, remove_handlers
+from ..blender.translation import translated
 from ..errors import InputError
 from ..formats.registry import EXPORTED, FORMATS
 from ..text import printable, shortened
@@ -161,7 +162,9 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             draw_wrapped(layout.column(align=True), reason, _LINE, "ERROR")
         if missing and self.purpose in _PURPOSES:
             device = _PURPOSES[self.purpose][3]
-            add = layout.operator("hfx.live_add", text=f"Add {facts_of(device).title}", icon="ADD")
+            add = layout.operator(
+                "hfx.live_add", text=translated(f"Add {facts_of(device).title}"), icon="ADD"
+            )
             add.name = device
         layout.label(text="Devices", icon="OUTLINER_OB_FORCE_FIELD")
         draw_devices(context, layout)
@@ -228,7 +231,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
 
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
         for warning in report.warnings:
-            self.report({"WARNING"}, printable(warning))
+            self.report({"WARNING"}, translated(printable(warning)))
         track = next((file for file in report.files if file.suffix == self.filename_ext), None)
         if track is not None:  # the source of live devices
             context.scene.hfx.live_track = str(track)
@@ -276,7 +279,9 @@ def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
             icon = "CHECKMARK" if fact["felt"] else "X"
             draw_wrapped(layout, printable(text), _POPUP_LINE, icon, _LINES)
         if len(facts) > _EFFECTS:
-            layout.label(text=f"... and {len(facts) - _EFFECTS} more effects", icon="BLANK1")
+            layout.label(
+                text=translated(f"... and {len(facts) - _EFFECTS} more effects"), icon="BLANK1"
+            )
         layout.separator()
         layout.label(text=printable(written.text), icon="FILE_TICK")
         folder = str(report.folder)

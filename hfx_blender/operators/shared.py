@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
+from unicodedata import east_asian_width
 
 import bpy
 from bpy.props import StringProperty
@@ -18,6 +19,7 @@ from bpy_extras.io_utils import ImportHelper
 from ..authoring import clips
 from ..authoring.effects import effects, swarms
 from ..avatars.avatar_meshes import armature_of
+from ..blender.translation import translated
 from ..engine.stepwise import finish
 from ..errors import HfxError, InputError, fault_of_file
 from ..files.atomic import inputs_kept
@@ -96,11 +98,11 @@ class HfxOperator(bpy.types.Operator):
             with inputs_kept([Path(source)] if source else []):
                 message = work()
         except (HfxError, OSError, ModuleNotFoundError) as error:
-            self.report({"ERROR"}, _fault_of(error))
+            self.report({"ERROR"}, translated(_fault_of(error)))
             return {"CANCELLED"}
         preview.schedule_check()
         if message:
-            self.report({"INFO"}, printable(message))
+            self.report({"INFO"}, translated(printable(message)))
         return {"FINISHED"}
 
     @classmethod
@@ -109,7 +111,7 @@ class HfxOperator(bpy.types.Operator):
         # conditions may rely on earlier ones.
         for is_met, hint in cls.requires:
             if not is_met(context):
-                cls.poll_message_set(hint)
+                cls.poll_message_set(translated(hint))
                 return False
         return True
 
@@ -145,7 +147,7 @@ def _reporting_faults(method: Callable[..., set[str]]) -> Callable[..., set[str]
             fault = _fault_of(error)
         if method.__name__ == "modal" and hasattr(self, "cancel"):
             self.cancel(context)
-        self.report({"ERROR"}, fault)
+        self.report({"ERROR"}, translated(fault))
         return {"CANCELLED"}
 
     return reporting
@@ -279,7 +281,7 @@ class StepwiseOperator(ModalTimer, HfxOperator):
         """Run steps at timer events and report the end; Esc cancels; other input is blocked."""
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
-            self.report({"WARNING"}, self.cancelled)
+            self.report({"WARNING"}, translated(self.cancelled))
             return {"CANCELLED"}
         # Input is swallowed: a change of the scene would invalidate what the generator has read.
         if event.type != "TIMER":
@@ -394,7 +396,12 @@ def kept_items(entries: Callable[[], EnumItems]) -> Callable[[object, object], E
 def draw_wrapped(
     layout: bpy.types.UILayout, text: str, letters: int, icon: str = "NONE", most: int = 1000
 ) -> None:
-    """Draw a text in at most ``most`` lines of ``letters``; the icon precedes the first line."""
+    """Draw a text, translated, in at most ``most`` lines of ``letters``; the icon precedes the
+    first line."""
+    text = translated(text)
+    # Letters of Chinese, Japanese and Korean are as wide as two.
+    wide = sum(east_asian_width(letter) in "WF" for letter in text)
+    letters = letters * len(text) // max(len(text) + wide, 1)
     for number, line in enumerate(textwrap.wrap(text, letters, max_lines=most)):
         layout.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 

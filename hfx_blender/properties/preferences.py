@@ -8,6 +8,7 @@ import os
 import bpy
 from bpy.props import FloatVectorProperty, StringProperty
 
+from ..blender.translation import translated
 from ..engine.modality import MODALITIES
 from ..files import resources
 
@@ -88,12 +89,12 @@ class HfxPreferences(bpy.types.AddonPreferences):
         names = (
             ", ".join(devices) or "none yet; Import Node Map or Layout in Live Devices adds some"
         )
-        layout.label(text=f"Your own devices: {names}", icon="OUTLINER_OB_FORCE_FIELD")
+        layout.label(text=translated(f"Your own devices: {names}"), icon="OUTLINER_OB_FORCE_FIELD")
         column = layout.column()
         column.label(text="Approved Device Scripts", icon="FILE_SCRIPT")
         fault, scripts = approval.fault_of_list(), approval.approved()
         if fault or not scripts:
-            column.label(text=fault or "none", icon="ERROR" if fault else "NONE")
+            column.label(text=translated(fault or "none"), icon="ERROR" if fault else "NONE")
         for fingerprint, path in sorted(scripts.items(), key=lambda item: item[1]):
             row = column.row()
             row.label(text=f"{path}  ({fingerprint[:12]})")

@@ -15,6 +15,7 @@ from bpy.app.handlers import persistent
 
 from ...authoring.effects import effect_assets
 from ...blender.events import add_handlers, call_soon, remove_handlers
+from ...blender.translation import translated
 from ...errors import HfxError
 from ...files import resources
 from ...text import printable
@@ -46,7 +47,7 @@ class HFX_OT_place_dropped(HfxOperator):
                 faults.append(str(error))
         if faults:
             # No error report: removing the dropped object needs an undo step.
-            self.report({"WARNING"}, printable("; ".join(faults)))
+            self.report({"WARNING"}, translated(printable("; ".join(faults))))
             return ""
         select_only(context, *objects)
         return f"Added {len(objects)} effects: {', '.join(effect.name for effect in objects)}"

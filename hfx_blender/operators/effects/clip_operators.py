@@ -11,6 +11,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 from ...authoring import clips, drawn_fades
 from ...authoring.effects import swarms
 from ...blender.scene_info import animation_fps, frame_at, frames_per_shown_unit, shown_time
+from ...blender.translation import translated
 from ...errors import InputError
 from ...text import shortened
 from .. import framing
@@ -102,7 +103,7 @@ class _ClipOperator(_OfEffect):
         layout = self.layout
         unit = "frames" if context.scene.hfx.time_unit == "FRAMES" else "s"
         for name in ("start", "duration", "fade_in", "fade_out"):
-            layout.prop(self, f"shown_{name}", text=f"{label_of(name)} ({unit})")
+            layout.prop(self, f"shown_{name}", text=translated(f"{label_of(name)} ({unit})"))
         layout.prop(self, self.last_field)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:

@@ -14,6 +14,7 @@ from bpy_extras.io_utils import ExportHelper
 from mathutils import Vector
 
 from ...authoring.effects import effect_file
+from ...blender.translation import translated
 from ...errors import HfxError, InputError
 from ...files import kinds, resources
 from ...formats.registry import FORMATS
@@ -189,7 +190,7 @@ class HFX_OT_import_hjif(ImportOperator, OnBodyOperator):
             float(context.scene.frame_current),
         )
         for note in [*notes, *(f"left out {note}" for note in left_out)]:
-            self.report({"WARNING"}, printable(note[:1].upper() + note[1:]))
+            self.report({"WARNING"}, translated(printable(note[:1].upper() + note[1:])))
         if not objects:
             raise InputError(f"{self.filepath}: has nothing that can become an effect.")
         return f"Added {len(objects)} effects"

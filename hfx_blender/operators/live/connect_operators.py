@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
+from ...blender.translation import translated
 from ...devices.live import live_settings
 from ...engine.body.parts import ARMS, HANDS, HEAD, LEGS
 from ...errors import InputError
@@ -178,7 +179,7 @@ class HFX_OT_live_connect(OfDevice):
 
         facts = facts_of(self.name)
         if facts.device is None:
-            self.report({"ERROR"}, facts.fault)
+            self.report({"ERROR"}, translated(facts.fault))
             return {"CANCELLED"}
         for field, value in asdict(settings_of(self.name)).items():
             setattr(self, field, value)
@@ -186,7 +187,7 @@ class HFX_OT_live_connect(OfDevice):
             self.kind = "SIMULATOR"
         self.check(context)
         return context.window_manager.invoke_props_dialog(
-            self, width=_WIDTH, title=f"Connect '{facts.title}'", confirm_text="Connect"
+            self, width=_WIDTH, title=translated(f"Connect '{facts.title}'"), confirm_text="Connect"
         )
 
     def check(self, _context: bpy.types.Context) -> bool:
@@ -303,9 +304,8 @@ class HFX_OT_live_find(MenuOperator, LiveOperator):
             ports = search.run()
             if not search.found:
                 there = ", ".join(ports) or "none"
-                self.report(
-                    {"WARNING"}, printable(f"No known device was found. Serial ports: {there}.")
-                )
+                text = printable(f"No known device was found. Serial ports: {there}.")
+                self.report({"WARNING"}, translated(text))
                 return {"CANCELLED"}
         return super().invoke(context, event)
 

@@ -22,6 +22,7 @@ from ...authoring import painting
 from ...authoring.effects import effects
 from ...blender import compat
 from ...blender.events import add_handlers, call_soon, remove_handlers
+from ...blender.translation import translated
 from ...engine.body.parts import CENTRE, SIDES
 from .. import framing
 
@@ -207,7 +208,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
             text = "" if vertex is None else part_name(canvas, vertex)
             if text != self._shown:
                 self._shown = text
-                context.workspace.status_text_set(text or None)
+                context.workspace.status_text_set(translated(text) or None)
         if canvas.mode == "WEIGHT_PAINT":
             self._brush.fit(context, canvas, event)
         # All events pass on: strokes and navigation are Blender's.

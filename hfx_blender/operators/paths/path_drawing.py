@@ -19,6 +19,7 @@ from bpy.props import (
 )
 
 from ...authoring.paths import paths, skin_picking
+from ...blender.translation import translated
 from ...errors import InputError
 from .. import framing
 from ..shared import HfxOperator
@@ -108,7 +109,7 @@ class HFX_OT_draw_path(HfxOperator):
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, "Draw in a 3D viewport.")
+            self.report({"ERROR"}, translated("Draw in a 3D viewport."))
             return {"CANCELLED"}
         body = active_spot(context).hfx.body
 
@@ -128,7 +129,7 @@ class HFX_OT_draw_path(HfxOperator):
         # A hand at rest sends no mouse events; the timer records its rest.
         if self.mode == "RECORD":
             self._timer = context.window_manager.event_timer_add(1 / 60, window=context.window)
-        context.workspace.status_text_set(_HINTS.get(self.mode, _HINTS["STRAIGHT"]))
+        context.workspace.status_text_set(translated(_HINTS.get(self.mode, _HINTS["STRAIGHT"])))
         context.window.cursor_modal_set("PAINT_CROSS")
         context.window_manager.modal_handler_add(self)
         path_overlay.show_pending(body)

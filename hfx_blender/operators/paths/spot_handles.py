@@ -12,6 +12,7 @@ from mathutils import Vector
 
 from ...authoring.paths import paths, skin_picking
 from ...blender.scene_info import metres_of
+from ...blender.translation import translated
 from ...errors import InputError
 from .. import framing
 from ..shared import IN_OBJECT_MODE, KeyBindings
@@ -120,8 +121,8 @@ class _HeldSpotOperator(PathOperator):
         heading, more = self._words(context)
         confirm = "Release" if self.release_confirm else "Click or Enter"
         keys = f"{confirm}: confirm     Esc or right click: cancel     Shift: precise{more}"
-        context.area.header_text_set(heading)
-        context.workspace.status_text_set(keys)
+        context.area.header_text_set(translated(heading))
+        context.workspace.status_text_set(translated(keys))
 
     def _window_place(self, context: bpy.types.Context, anchor: F64) -> Vector | None:
         """Window pixel of a canonical point; None behind the viewer."""

@@ -13,6 +13,7 @@ import bpy
 from bpy.props import IntProperty
 
 from ...blender.events import redraw
+from ...blender.translation import translated
 from ...errors import HfxError, InputError
 from ...processes import blender_session
 from ...version import __version__
@@ -133,7 +134,7 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
             return {"PASS_THROUGH"}
         self.cancel(context)
         if running is None:  # by the operator Cancel
-            self.report({"WARNING"}, "Cancelled: no material was made")
+            self.report({"WARNING"}, translated("Cancelled: no material was made"))
             return {"CANCELLED"}
         return self.reported(lambda: self._end(context))
 

@@ -11,6 +11,7 @@ import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
+from ...blender.translation import translated
 from ...properties.surface_properties import RENDERERS
 
 if TYPE_CHECKING:
@@ -206,4 +207,4 @@ def _text(x: float, y: float, text: str, size: float) -> None:
     blf.size(0, size)
     blf.color(0, 1.0, 1.0, 1.0, 1.0)
     blf.position(0, x, y, 0)
-    blf.draw(0, text)
+    blf.draw(0, translated(text))

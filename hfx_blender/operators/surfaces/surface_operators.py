@@ -9,6 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
 from ...authoring.surfaces import surfaces
+from ...blender.translation import translated
 from ...errors import InputError
 from ...files import kinds
 from ...properties.surface_properties import IMAGE_KINDS, SOURCES
@@ -29,7 +30,7 @@ def _made(operator: bpy.types.Operator, obj: bpy.types.Object) -> str:
     note = surfaces.make_maps(obj)
     if obj.hfx.surface.warning:
         text = f"'{obj.name}': {obj.hfx.surface.warning}."
-        operator.report({"WARNING"}, printable(text))
+        operator.report({"WARNING"}, translated(printable(text)))
     return note
 
 
@@ -64,7 +65,7 @@ class HFX_OT_add_surface(HfxOperator):
             return _made(self, obj)
         except InputError as error:
             # The surface is kept: the user can correct the error.
-            self.report({"WARNING"}, str(error))
+            self.report({"WARNING"}, translated(str(error)))
             return ""
 
 
@@ -269,7 +270,7 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         # By name: an undo while the process runs invalidates references.
         self._owner = context.object.name
         self.start_modal(context, _PAUSE_S)
-        context.workspace.status_text_set("Estimating the relief. Esc: cancel")
+        context.workspace.status_text_set(translated("Estimating the relief. Esc: cancel"))
 
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring.surfaces import generated_surfaces
@@ -286,7 +287,7 @@ class HFX_OT_estimate_relief(ModalTimer, HfxOperator):
         assert self.estimation is not None
         if event.type == "ESC" and event.value == "PRESS":
             self.cancel(context)
-            self.report({"WARNING"}, "Cancelled: the surface was not changed")
+            self.report({"WARNING"}, translated("Cancelled: the surface was not changed"))
             return {"CANCELLED"}
         if event.type != "TIMER" or self.estimation.is_running:
             return {"PASS_THROUGH"}

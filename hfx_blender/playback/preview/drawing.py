@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
+from ...blender.translation import translated
 from ...engine.arrays import F32, I32, U8
 
 if TYPE_CHECKING:
@@ -278,7 +279,7 @@ class ChartDrawing:
         for x, text in marks:
             _write(text, left + x + 3 * scale, MARGIN + 4 * scale, chart.width - x)
         if note:
-            _write(note, left, MARGIN + chart.height + 4 * scale, chart.width)
+            _write(translated(note), left, MARGIN + chart.height + 4 * scale, chart.width)
         blf.disable(0, blf.SHADOW)
 
 
@@ -308,7 +309,7 @@ class ChartView:
             blf.size(0, 11.0 * bpy.context.preferences.system.ui_scale)
             blf.color(0, *TEXT)
             note = recorder.fault or "Values over time: nothing is felt yet"
-            _write(note, left, MARGIN, 10_000.0)
+            _write(translated(note), left, MARGIN, 10_000.0)
             return
         frames = _timeline_frames(context, region.x + left, region.x + right)
         size = right - left, _TALLEST * region.height

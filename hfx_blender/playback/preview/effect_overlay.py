@@ -10,6 +10,7 @@ from mathutils import Matrix, Vector
 
 from ...authoring import volumes
 from ...authoring.effects import effects, swarms
+from ...blender.translation import translated
 from ...engine.modality import MODALITIES
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ def _draw_legend() -> None:
     is_first = context.region == next(r for r in context.area.regions if r.type == "WINDOW")
     if not (is_first and manager.hfx_preview and context.space_data.overlay.show_overlays):
         return
-    entries = legend(context.scene)
+    entries = [(translated(label), colour) for label, colour in legend(context.scene)]
     if not entries or manager.hfx_show_values:
         return
     scale = context.preferences.system.ui_scale

@@ -10,6 +10,7 @@ import bpy
 
 from ...authoring.effects import effects
 from ...avatars import avatar_meshes
+from ...blender.translation import translated
 from ...engine.body.parts import PARTS_BY_NAME
 from ...errors import InputError
 from ...operators.shared import active_armature
@@ -151,7 +152,9 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         layout = self.layout
         body = active_armature(context)
         if body.hfx.role != "BODY":
-            layout.label(text=f"'{body.name}' is not a haptic body yet", icon="ARMATURE_DATA")
+            layout.label(
+                text=translated(f"'{body.name}' is not a haptic body yet"), icon="ARMATURE_DATA"
+            )
             layout.operator("hfx.mark_body", icon="ADD")
             return
         elsewhere = [

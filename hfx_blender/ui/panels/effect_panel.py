@@ -13,6 +13,7 @@ from ...authoring.painting import PAINTED_EFFECT, canvas_of
 from ...authoring.paths import paths
 from ...authoring.surfaces import surfaces
 from ...blender.events import push_undo_soon
+from ...blender.translation import translated
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...operators.effects.effect_operators import active_vector, active_volume
@@ -53,7 +54,9 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         layout.use_property_split = True
         obj = context.object
         if obj.get(PAINTED_EFFECT):
-            layout.label(text=f"Painting '{obj[PAINTED_EFFECT].name}'", icon="BRUSH_DATA")
+            layout.label(
+                text=translated(f"Painting '{obj[PAINTED_EFFECT].name}'"), icon="BRUSH_DATA"
+            )
             return
         effect = active_effect(context)
         hfx = effect.hfx
@@ -287,7 +290,9 @@ class HFX_PT_path(HfxPanel, bpy.types.Panel):
             layout.label(text=str(error), icon="ERROR")
             length = 0.0
         layout.label(
-            text=f"Path of {100.0 * length:.0f} cm" if length else "Does not move: draw a path",
+            text=translated(
+                f"Path of {100.0 * length:.0f} cm" if length else "Does not move: draw a path"
+            ),
             icon="CURVE_PATH",
         )
         layout.operator_context = "INVOKE_DEFAULT"
@@ -322,7 +327,9 @@ class HFX_PT_vector(HfxPanel, bpy.types.Panel):
         layout = self.layout
         layout.use_property_split = True
         effect = active_vector(context)
-        layout.label(text=f"On '{effect.hfx.device}' only", icon="OUTLINER_OB_FORCE_FIELD")
+        layout.label(
+            text=translated(f"On '{effect.hfx.device}' only"), icon="OUTLINER_OB_FORCE_FIELD"
+        )
         column = layout.column(align=True)
         for actuator in effect.hfx.drive:
             column.prop(actuator, "value", text=actuator.name, slider=True)

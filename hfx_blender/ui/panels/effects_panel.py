@@ -8,6 +8,7 @@ import bpy
 from ...authoring import clips, media
 from ...authoring.effects import effects, swarms
 from ...blender import compat
+from ...blender.translation import translated
 from ...operators.effects.clip_operators import draw_clip_buttons
 from ...operators.export_operator import draw_devices, last_written
 from ...operators.shared import active_armature, active_effect
@@ -49,7 +50,7 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
         layout.operator_menu_enum("hfx.move_to_body", "body", icon="FORWARD").which = which
     elif bodies:
         move = layout.operator(
-            "hfx.move_to_body", text=f"Move to Body '{bodies[0].name}'", icon="FORWARD"
+            "hfx.move_to_body", text=translated(f"Move to Body '{bodies[0].name}'"), icon="FORWARD"
         )
         move.which, move.body = which, bodies[0].name
 
@@ -186,7 +187,9 @@ class HFX_PT_export(HfxPanel, bpy.types.Panel):
             row = layout.row(align=True)
             count = len(written.report.files)
             row.label(
-                text=f"Wrote {count} {'file' if count == 1 else 'files'}{written.warned}",
+                text=translated(
+                    f"Wrote {count} {'file' if count == 1 else 'files'}{written.warned}"
+                ),
                 icon="ERROR" if written.report.warnings else "CHECKMARK",
             )
             row.operator("hfx.show_report", text="", icon="TEXT")
