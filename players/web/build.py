@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Make the package ``dist/hfx.js``, with the core in it, and pages of one file.
 
+``dist/hfx.js`` is kept in the repository, so that a page needs no compiler; its third line is the
+fingerprint of the core's sources, which a test compares.
+
 ``dist/garage.html`` plays the garage of HFX's demo, and ``dist/board.html`` is the board of the map
 paper, on the phone that shows it.
 
@@ -9,6 +12,7 @@ into FOLDER instead of ``dist`` if it is given.
 """
 
 import base64
+import hashlib
 import re
 import subprocess
 import sys
@@ -32,19 +36,32 @@ LINKING = "-fvisibility=hidden -s -Wl,--export-dynamic -Wl,--export=__heap_base"
 
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "dist"
+    write(folder, package(compiled()))
+    sys.stdout.write(f"{folder}: hfx.js, {', '.join(f'{name}.html' for name in SAMPLES)}\n")
+
+
+def write(folder: Path, script: str) -> None:
+    """Write the package and the pages of a script of :func:`package`."""
     folder.mkdir(parents=True, exist_ok=True)
-    script = package()
     (folder / "hfx.js").write_text(script + EXPORTS, encoding="utf-8", newline="\n")
     for name in SAMPLES:
         text = page(name, script)
         (folder / f"{name}.html").write_text(text, encoding="utf-8", newline="\n")
-    sys.stdout.write(f"{folder}: hfx.js, {', '.join(f'{name}.html' for name in SAMPLES)}\n")
 
 
-def package() -> str:
+def fingerprint() -> str:
+    """Hash of all sources of the compiled core, without comments, blanks and the compiler."""
+    digest = hashlib.sha256(f"{TARGET} {LINKING}".encode())
+    for path in [HERE / "core.c", *sorted((HERE.parent / "core").glob("*.h"))]:
+        text = re.sub(r"/\*.*?\*/", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+        digest.update(f"{path.name}\0{''.join(text.split())}\0".encode())
+    return digest.hexdigest()
+
+
+def package(core: bytes) -> str:
     """Text of one script: the compiled core, and all modules without imports and exports."""
-    core = base64.b64encode(compiled()).decode()
-    parts = [LICENSE, f'const WASM = "{core}";\n']
+    text = base64.b64encode(core).decode()
+    parts = [f"{LICENSE}// Core: {fingerprint()}\n", f'const WASM = "{text}";\n']
     for name in MODULES:
         source = (HERE / "src" / f"{name}.js").read_text(encoding="utf-8")
         source = re.sub(r'^import .* from "\./.*";\n', "", source, flags=re.MULTILINE)

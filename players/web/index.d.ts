@@ -157,11 +157,20 @@ export class HapticPlayer implements HapticSource {
   onfinished: (() => void) | null;
   readonly isPlaying: boolean;
   readonly isPaused: boolean;
+  /** Seconds of the clip in a second; 1 at first. Frequencies stay. */
+  speed: number;
+  /** Plays in step with an animation, a video or audio, wherever it plays, jumps or stops: with the named clip of its
+   * name, else with the whole clip. `play`, `speed`, `seek` and `loop` have no effect then. Null at first. */
+  follow: AnimationAction | Media | null;
   /** Seconds from the beginning of the clip. */
   readonly position: number;
   /** Begins at the beginning, or with a named clip, which loops if it is meant to. Gain, loop and
    * parameters stay. An unknown name throws a `HapticError`, in silence. */
   play(name?: string): void;
+  /** Turns all about the body (degrees to the left, seen from above counterclockwise), raises it by metres, and
+   * multiplies heights about the middle of each device; 0, 0, 1: as made. Only devices that go round the body, or are on
+   * both sides of it, are turned. */
+  place(turnDegrees: number, raiseM?: number, stretch?: number): void;
   /** Stands still with neutral values until it is called with false. */
   pause(isPaused?: boolean): void;
   /** Ends with neutral values, at the beginning of what was played. */
@@ -171,8 +180,27 @@ export class HapticPlayer implements HapticSource {
   /** Scales a parameter: the deviation of a strength from neutral, a frequency itself. False: the clip
    * has no such parameter. */
   setParameter(parameter: string, factor: number): boolean;
+  /** Goes on by seconds times `speed`, or to where what is followed has come; returns `values`. */
   advance(seconds: number): Float32Array;
   silence(): Float32Array;
+}
+
+/** An AnimationAction of three.js. */
+export interface AnimationAction {
+  getClip(): { name: string; duration: number };
+  isRunning(): boolean;
+  time: number;
+  loop: number;
+}
+
+/** A video or audio element, or an object with a time of its own, in seconds. */
+export interface Media {
+  readonly currentTime: number;
+  readonly duration: number;
+  readonly paused: boolean;
+  readonly loop?: boolean;
+  readonly ended?: boolean;
+  readonly name?: string;
 }
 
 /** An object of three.js. Metres; the clip's (x, y, z) is (x, z, -y). */
@@ -199,9 +227,13 @@ export class HapticVolume {
 
 /** An avatar that feels volumes and painted areas of a clip on its own moves. */
 export class HapticBody implements HapticSource {
-  /** `body`: name of a body of the clip; "": its first. */
-  constructor(clip: HapticClip, options?: { body?: string });
+  /** `body`: name of a body of the clip; "": its first. `effects`: a clip whose volumes and painted areas are felt, on
+   * the body of `clip` and with its devices; those of `clip` if it is left out. An avatar that feels several clips has
+   * a body for each. */
+  constructor(clip: HapticClip, options?: { body?: string; effects?: HapticClip });
   readonly clip: HapticClip;
+  /** The clip of the effects that are felt. */
+  readonly effectClip: HapticClip;
   readonly values: Float32Array;
   readonly bones: readonly ClipBone[];
   /** Names of bones that move skin and were not found by `attach`. */
@@ -215,6 +247,9 @@ export class HapticBody implements HapticSource {
   removeVolume(volume: HapticVolume): void;
   /** Turns a painted area on, at a level of 0 (off) to 1 of its own. */
   trigger(effect: string, level?: number): void;
+  /** Turns a painted area about the body's axis (degrees to the left, seen from above counterclockwise), raises it by
+   * metres, and multiplies heights about its own middle; 0, 0, 1: as made. Takes as long as some frames. */
+  place(effect: string, turnDegrees: number, raiseM?: number, stretch?: number): void;
   /** Takes the pose and the volumes of now, and goes on by seconds; returns `values`. */
   advance(seconds: number): Float32Array;
   silence(): Float32Array;
@@ -224,6 +259,7 @@ export class HapticBody implements HapticSource {
   setBones(matrices: ArrayLike<number>): void;
   setVolume(number: number, matrix: ArrayLike<number>): void;
   triggerEffect(number: number, level: number): void;
+  placeEffect(number: number, turnDegrees: number, raiseM: number, stretch: number): void;
   /** Parameter 0 is the strength, in its unit. */
   setParameter(number: number, parameter: number, value: number): void;
   evaluate(seconds: number): Float32Array;

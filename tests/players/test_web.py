@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.util
 import json
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from core_library import ROOT
@@ -18,17 +19,76 @@ WEB = ROOT / "players" / "web"
 CONFORMANCE = ROOT / "players" / "conformance"
 
 
+def build_module() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("web_build", WEB / "build.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+BUILD = build_module()
+WASM = re.compile(r'const WASM = "([^"]+)"')
+
+
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with the package and the page, made by ``build.py``."""
+def script() -> str:
+    """Script of the package in the repository, without its exports."""
+    text = (WEB / "dist" / "hfx.js").read_text("utf-8")
+    assert text.endswith(BUILD.EXPORTS)
+    return text.removesuffix(BUILD.EXPORTS)
+
+
+@pytest.fixture(scope="module")
+def built(script: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the package of the repository, and pages with it."""
     if shutil.which("node") is None:
         pytest.skip("Node is not installed")
-    if importlib.util.find_spec("ziglang") is None:
-        pytest.skip("the package ziglang is not installed")
     folder = tmp_path_factory.mktemp("web")
-    subprocess.run([sys.executable, WEB / "build.py", folder], check=True, timeout=600)
+    BUILD.write(folder, script)
     (folder / "package.json").write_text('{"type": "module"}')
     return folder
+
+
+def test_the_package_in_the_repository_is_of_its_sources(script: str) -> None:
+    """Otherwise: ``pip install ziglang``, ``python players/web/build.py``."""
+    found = WASM.search(script)
+    assert found is not None
+    assert f"// Core: {BUILD.fingerprint()}\n" in script
+    assert script == BUILD.package(base64.b64decode(found[1]))
+
+
+def test_the_fingerprint_is_of_code_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(WEB.parent / "core", tmp_path / "core")
+    (tmp_path / "web").mkdir()
+    shutil.copy(WEB / "core.c", tmp_path / "web")
+    expected = BUILD.fingerprint()
+    monkeypatch.setattr(BUILD, "HERE", tmp_path / "web")
+    header = tmp_path / "core" / "hfx_play.h"
+    text = header.read_text("utf-8")
+    header.write_bytes(f"/* a\r\ncomment */\r\n{text}\n".encode())
+    assert BUILD.fingerprint() == expected
+    header.write_text(text.replace("1e-6", "2e-6"), "utf-8")
+    assert BUILD.fingerprint() != expected
+
+
+def test_git_keeps_the_package_for_the_web() -> None:
+    done = subprocess.run(
+        ["git", "check-ignore", "--no-index", "players/web/dist/hfx.js"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode > 1:
+        pytest.skip("this is no git repository")
+    assert done.stdout == ""
+
+
+def test_a_compiler_makes_the_same_core(built: Path, script: str, tmp_path: Path) -> None:
+    """Another version of the compiler may write other bytes, which play the same."""
+    if importlib.util.find_spec("ziglang") is None:
+        pytest.skip("the package ziglang is not installed")
+    BUILD.write(tmp_path, BUILD.package(BUILD.compiled()))
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    judged("node", WEB / "tests" / "conformance.mjs", tmp_path / "hfx.js", CONFORMANCE)
 
 
 def judged(*command: object) -> None:

@@ -55,6 +55,7 @@ export class HapticVolume {
 /** An avatar that feels volumes and painted areas of a clip on its own moves. */
 export class HapticBody {
   #at;
+  #effects; // clip of the effects, in the memory of the clip of the body
   #out;
   #memory; // of one matrix for each bone, at least one
   #matrices;
@@ -64,13 +65,14 @@ export class HapticBody {
   #volumes = new Set();
   #unused = new Map(); // effect: memory of volumes that were removed
 
-  constructor(clip, { body = "" } = {}) {
+  constructor(clip, { body = "", effects = clip } = {}) {
     const { core } = clip;
     const names = clip.bodies.map((item) => item.name);
     const index = body ? names.indexOf(body) : 0;
     if (index < 0) throw unknownName("body", body, names);
     if (!names.length) throw new HapticError("The clip has no body: export it from a scene, not from a track.", -6);
     this.clip = clip;
+    this.effectClip = effects;
     this.index = index;
     this.bones = clip.bodies[index].bones;
     this.values = clip.neutralValues();
@@ -79,10 +81,12 @@ export class HapticBody {
     this.#at = core.take(core.calls.hfx_body_size(), this);
     this.#out = core.take(4 * this.values.length || 4, this);
     this.#memory = core.take(48 * Math.max(this.bones.length, 1), this);
-    const size = core.calls.hfx_body_bytes(clip.address, index);
-    core.check(core.calls.hfx_body_open(this.#at, clip.address, index, core.take(size, this), size));
+    this.#effects = effects === clip ? clip.address : this.#copied(effects);
+    const size = core.calls.hfx_body_effects_bytes(clip.address, index, this.#effects);
+    const memory = core.take(size, this);
+    core.check(core.calls.hfx_body_open_effects(this.#at, clip.address, index, this.#effects, memory, size));
     // A volume is felt where the game adds one.
-    clip.effects.forEach((effect, k) => effect.isPainted || this.triggerEffect(k, 0));
+    effects.effects.forEach((effect, k) => effect.isPainted || this.triggerEffect(k, 0));
   }
 
   /**
@@ -102,13 +106,25 @@ export class HapticBody {
     this.#objects = objects.map((object, k) => (this.#fromRest[k] ? object : null));
   }
 
+  /** Opens another clip in the memory of the body's; its address. */
+  #copied(effects) {
+    const { core } = this.clip;
+    const { start, length } = effects.content;
+    const bytes = core.take(length, this);
+    const address = core.take(core.calls.hfx_clip_size(), this);
+    core.bytes(bytes, length).set(effects.core.bytes(start, length));
+    core.check(core.calls.hfx_clip_open(address, bytes, length));
+    return address;
+  }
+
   /** Adds a volume that follows an object; its shape has unit size, so scale the object as in Blender. */
   addVolume(effect, object, level = 1) {
-    const { core, effects } = this.clip;
+    const { core } = this.clip;
+    const { effects } = this.effectClip;
     const numbers = [];
     effects.forEach((item, k) => {
       if (item.name !== effect || item.isPainted) return;
-      const size = core.calls.hfx_body_volume_bytes(this.clip.address, this.index, k);
+      const size = core.calls.hfx_body_effects_volume_bytes(this.clip.address, this.index, this.#effects, k);
       const memory = this.#unused.get(k)?.pop() ?? core.take(size, this);
       numbers.push(core.calls.hfx_body_add_volume(this.#at, k, memory, size) >>> 0);
     });
@@ -133,12 +149,16 @@ export class HapticBody {
 
   /** Turns a painted area on, at a level of 0 (off) to 1 of its own. */
   trigger(effect, level = 1) {
-    const indices = this.#named(effect, true);
-    if (!indices.length) {
-      const known = this.clip.effects.filter((item) => item.isPainted).map((item) => item.name);
-      throw unknownName("painted area", effect, known);
-    }
-    for (const index of indices) this.triggerEffect(index, level);
+    for (const index of this.#painted(effect)) this.triggerEffect(index, level);
+  }
+
+  /**
+   * Turns a painted area about the body's axis (degrees to the left, seen from above counterclockwise), raises it by
+   * metres, and multiplies heights about its own middle; 0, 0, 1: as made. Takes as long as some frames. Volumes
+   * follow objects.
+   */
+  place(effect, turnDegrees, raiseM = 0, stretch = 1) {
+    for (const index of this.#painted(effect)) this.placeEffect(index, turnDegrees, raiseM, stretch);
   }
 
   /** Goes on by seconds: takes the pose and the volumes of now, and returns `values`. */
@@ -181,6 +201,11 @@ export class HapticBody {
     this.clip.core.check(this.clip.core.calls.hfx_body_trigger(this.#at, number, level));
   }
 
+  /** Turns, raises and stretches a painted area by its index in the clip. */
+  placeEffect(number, turnDegrees, raiseM, stretch) {
+    this.clip.core.check(this.clip.core.calls.hfx_body_place(this.#at, number, turnDegrees, raiseM, stretch));
+  }
+
   /** Changes a parameter (0: strength) in its unit, of an effect by its index or a volume by its number. */
   setParameter(number, parameter, value) {
     this.clip.core.check(this.clip.core.calls.hfx_body_set_parameter(this.#at, number, parameter, value));
@@ -207,8 +232,15 @@ export class HapticBody {
     return this.clip.core.calls.hfx_body_level(this.#at, number);
   }
 
+  #painted(name) {
+    const indices = this.#named(name, true);
+    if (indices.length) return indices;
+    const known = this.effectClip.effects.filter((item) => item.isPainted).map((item) => item.name);
+    throw unknownName("painted area", name, known);
+  }
+
   #named(name, isPainted) {
-    return this.clip.effects.flatMap((item, k) => (item.name === name && item.isPainted === isPainted ? [k] : []));
+    return this.effectClip.effects.flatMap((item, k) => (item.name === name && item.isPainted === isPainted ? [k] : []));
   }
 
   #pose() {

@@ -70,6 +70,7 @@ export class HapticClip {
     const start = core.take(content.length || 1);
     core.bytes(start, content.length).set(content);
     this.core = core;
+    this.content = { start, length: content.length };
     this.address = core.take(core.calls.hfx_clip_size());
     core.check(core.calls.hfx_clip_open(this.address, start, content.length));
     this.#read(new Sections(content));

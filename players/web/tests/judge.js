@@ -60,7 +60,7 @@ export async function judgeClip(hfx, bytes, text, name, watch = () => () => {}) 
   return result;
 }
 
-/** Plays players/conformance/behaviour, whose results were calculated by hand. */
+/** Plays a script of players/conformance/behaviour, whose results were calculated by hand. */
 export async function judgeBehaviour(hfx, bytes, text) {
   const clip = await hfx.HapticClip.from(bytes);
   const result = { compared: 0, wrong: [] };
@@ -77,6 +77,7 @@ export async function judgeBehaviour(hfx, bytes, text) {
     pause: (is) => player.pause(is === "1"),
     stop: () => player.stop(),
     seek: (seconds) => player.seek(Number(seconds)),
+    place: (...numbers) => player.place(...numbers.map(Number)),
     loop: (loop) => (player.loop = loop === "1"),
     gain: (gain) => (player.gain = Number(gain)),
   };
@@ -93,6 +94,129 @@ export async function judgeBehaviour(hfx, bytes, text) {
       : expected.split(" ").length === numbers.length && expected.split(" ").every((value, k) => Math.abs(numbers[k] - Number(value)) <= slack);
     if (!isRight) result.wrong.push(`behaviour, line ${number + 1}: ${line}: ${found}`);
   });
+  return result;
+}
+
+/** Effects of a library on the body of another clip. */
+export async function judgeEffects(hfx, avatar, library, text) {
+  const [clip, effects] = [await hfx.HapticClip.from(avatar), await hfx.HapticClip.from(library)];
+  const result = { compared: 0, wrong: [] };
+  const numbered = (name) => effects.effects.findIndex((item) => item.name === name);
+  const sphere = (x, y, z, radius) => [radius, 0, 0, x, 0, radius, 0, y, 0, 0, radius, z];
+  const three = (x, y, z, radius) => ({ matrixWorld: { elements: [radius, 0, 0, 0, 0, radius, 0, 0, 0, 0, radius, 0, x, y, z, 1] } });
+  let body = null;
+  const calls = {
+    open: () => {
+      body = new hfx.HapticBody(clip, { effects });
+      body.setBones(sphere(0, 0, 0, 1));
+    },
+    evaluate: (seconds) => [...body.evaluate(Number(seconds))].join(" "),
+    trigger: (name, factor) => isDone(() => body.trigger(name, Number(factor))),
+    place: (name, ...numbers) => isDone(() => body.place(name, ...numbers.map(Number))),
+    volume: (name, ...numbers) =>
+      isDone(() => {
+        body.setVolume(numbered(name), sphere(...numbers.map(Number)));
+        body.triggerEffect(numbered(name), 1);
+      }),
+    add: (name, ...numbers) =>
+      isDone(() => {
+        const volume = body.addVolume(name, three(0, 0, 0, 1));
+        body.setVolume(volume.numbers[0], sphere(...numbers.map(Number)));
+        body.triggerEffect(volume.numbers[0], 1);
+      }),
+  };
+  text.split("\n").forEach((line, number) => {
+    if (!line || line.startsWith("#")) return;
+    const [call, expected] = line.split("=").map((part) => part.trim());
+    const [word, ...rest] = call.split(" ");
+    if (word === "trigger" && rest[0] === "Ball") {
+      body.triggerEffect(numbered("Ball"), Number(rest[1])); // a volume is an object's
+      return;
+    }
+    const found = calls[word](...rest);
+    result.compared += 1;
+    const numbers = String(found).split(" ").map(Number);
+    const isRight = expected === undefined || expected.split(" ").every((value, k) => Math.abs(numbers[k] - Number(value)) <= 1e-4);
+    if (!isRight) result.wrong.push(`effects, line ${number + 1}: ${line}: ${found}`);
+  });
+
+  // Two libraries on one avatar: a body for each, and the stronger of both on an output.
+  const both = [new hfx.HapticBody(clip, { effects }), new hfx.HapticBody(clip, { effects })];
+  both.forEach((each) => each.setBones(sphere(0, 0, 0, 1)));
+  both[0].trigger("Dot");
+  both[1].trigger("Dot", 0.5);
+  both.forEach((each) => each.evaluate(0.02));
+  const strongest = new hfx.XRHaptics({ inputSources: [] }, both).strongest("any").share;
+  result.compared += 1;
+  if (Math.abs(strongest - 5 / 65.535) > 1e-5) result.wrong.push(`two bodies: ${strongest}`);
+  return result;
+}
+
+/**
+ * Speed and following. Rows of behaviour.hfxclip have 1 to 10 at the first column, 0.1 s each; Strike is 0.2 to 0.5 s.
+ * What is followed is a stub, or with `three` an action of an AnimationMixer.
+ */
+export async function judgeFollowing(hfx, bytes, three = null) {
+  const player = new hfx.HapticPlayer(await hfx.HapticClip.from(bytes));
+  const result = { compared: 0, wrong: [] };
+  const expect = (value, place) => {
+    result.compared += 1;
+    const found = player.values[0];
+    if (!(Math.abs(found - value) < 0.003)) result.wrong.push(`following, ${place}: ${found} instead of ${value}`);
+  };
+  player.play();
+  player.speed = 2;
+  player.advance(0.1);
+  expect(3, "twice as fast");
+  player.speed = NaN;
+  player.advance(5);
+  expect(3, "a speed that is no number stands still");
+  player.speed = 1;
+
+  // name, length, loops, time, value; Walk is no named clip, and longer than the whole one. "": it is paused.
+  const moments = [
+    ["Strike", 0.3, false, 0, 3], ["Strike", 0.3, false, 0.05, 3], ["Strike", 0.3, false, 0.15, 4], ["Strike", 0.3, false, 0.299, 5],
+    ["Strike", 0.3, false, 0.05, 3], // set back by the game
+    ["", 0.3, false, 0.15, 0], ["Strike", 0.3, false, 0.25, 5],
+    ["Walk", 2, true, 0.25, 3], ["Walk", 2, true, 0.45, 5], ["Walk", 2, true, 0.85, 9], ["Walk", 2, true, 1.2, 10], ["Walk", 2, true, 1.4, 0],
+    ["Walk", 2, true, 0.25, 3], // it has begun again
+    ["Whole", 1, true, 0.85, 9], ["Whole", 1, true, 0.95, 10], ["Whole", 1, true, 0.15, 2], ["Whole", 1, true, 0.95, 10],
+  ];
+  const media = { name: "", currentTime: 0, duration: 1, loop: false, paused: true };
+  player.follow = media;
+  for (const [name, duration, loop, currentTime, value] of moments) {
+    Object.assign(media, { duration, loop, currentTime, paused: !name });
+    if (name) media.name = name;
+    player.advance(99); // what is followed has a time of its own
+    expect(value, `${name} at ${currentTime} s`);
+  }
+  player.follow = null;
+  player.advance(0.1);
+  expect(0, "nothing is followed");
+  player.play();
+  player.advance(0.25);
+  expect(3, "it plays by itself again");
+  if (!three) return result;
+
+  const mixer = new three.AnimationMixer(new three.Object3D());
+  const track = new three.NumberKeyframeTrack(".position[x]", [0, 0.3], [0, 1]);
+  const action = mixer.clipAction(new three.AnimationClip("Strike", 0.3, [track]));
+  player.follow = action;
+  player.advance(0.1);
+  expect(0, "an action that does not play");
+  action.setLoop(three.LoopRepeat, Infinity).play();
+  for (const [seconds, value] of [[0, 3], [0.15, 4], [0.1, 5], [0.1, 3], [0.15, 5]]) {
+    mixer.update(seconds);
+    player.advance(seconds);
+    expect(value, `an action after ${seconds} s`);
+  }
+  action.timeScale = 0.5;
+  mixer.update(0.1); // from 0.2 to 0.25 s
+  player.advance(0.1);
+  expect(5, "a slow action");
+  action.stop();
+  player.advance(0.1);
+  expect(0, "an action that was stopped");
   return result;
 }
 
@@ -259,18 +383,22 @@ export async function judgeAll(hfx, names, read, three = null) {
     clips.push(await judgeClip(hfx, await read(clip), await text(name), clip));
   }
   const behaviour = await judgeBehaviour(hfx, await read("behaviour/behaviour.hfxclip"), await text("behaviour/behaviour.txt"));
+  const hand = async (name) => read(`behaviour/${name}.hfxclip`);
+  const placed = await judgeBehaviour(hfx, await hand("ring"), await text("behaviour/placed.txt"));
+  const effects = await judgeEffects(hfx, await hand("avatar"), await hand("library"), await text("behaviour/effects.txt"));
+  const following = await judgeFollowing(hfx, await hand("behaviour"), three);
   const walk = [await read("spatial/walk.hfxclip"), await text("spatial/walk.txt")];
   const walks = [await judgeWalk(hfx, ...walk, false), await judgeWalk(hfx, ...walk, true)];
   if (three) walks.push(await judgeWalk(hfx, ...walk, true, three));
   const pulses = await judgePulses(hfx, await read("touch.hfxclip"), await text("touch.txt"));
   const strokes = await judgeStrokes(hfx, await read("surfaces/strokes.hfxclip"), await text("surfaces/strokes.txt"));
   const rigs = await judgeNames(hfx, walk[0]);
-  const all = [...clips, behaviour, ...walks, pulses, strokes, rigs];
+  const all = [...clips, behaviour, placed, effects, following, ...walks, pulses, strokes, rigs];
   const wrong = all.flatMap((result) => result.wrong);
   if (all.some((result) => !result.compared)) wrong.push("something was not compared");
   const values = clips.reduce((sum, result) => sum + result.compared, 0);
   const summary =
-    `${clips.length} clips, ${values} values, ${behaviour.compared} calls, ` +
+    `${clips.length} clips, ${values} values, ${behaviour.compared + placed.compared + effects.compared + following.compared} calls, ` +
     `${walks.map((result) => result.compared).join(", ")} weights, ${strokes.compared} touches, ${pulses.compared} pulses, ${wrong.length} wrong`;
   return { wrong, summary };
 }

@@ -3,6 +3,20 @@
 import * as THREE from "three";
 import { GamepadHaptics, HapticBody, HapticClip, HapticLoop, HapticPlayer, PhoneHaptics, XRHaptics } from "../index.js";
 
+export async function library(avatar: THREE.Object3D, action: THREE.AnimationAction, film: HTMLVideoElement) {
+  const clip = await HapticClip.load("avatar.hfxclip");
+  const effects = await HapticClip.load("library.hfxclip");
+  const bodies = [new HapticBody(clip, { effects }), new HapticBody(clip)];
+  for (const body of bodies) body.attach(avatar);
+  bodies[0].place("Hit", 90, 0.1);
+  const player = new HapticPlayer(clip);
+  player.place(180);
+  player.speed = 0.5;
+  player.follow = action;
+  player.follow = film;
+  return bodies[0].effectClip.effects.map((effect) => effect.name);
+}
+
 export async function garage(avatar: THREE.Object3D, fire: THREE.Mesh, renderer: THREE.WebGLRenderer) {
   const clip = await HapticClip.load(new URL("garage.hfxclip", "https://example.org/"));
   const player = new HapticPlayer(clip);
