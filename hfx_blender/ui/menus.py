@@ -11,6 +11,7 @@ import bpy
 
 from ..authoring import clips, painting
 from ..authoring.effects import effects, swarms
+from ..engine.modality import MODALITIES
 from ..operators.effects.clip_operators import draw_clip_buttons
 from ..operators.shared import active_armature, active_body, active_effect
 from ..properties.objects import SHAPES
@@ -37,6 +38,7 @@ class HFX_MT_add(bpy.types.Menu):
         add("hfx.volume_from_mesh", "From Selected Mesh", "MESH_DATA")
         layout.separator()
         draw_paint_menu(layout, "Painted Effect")
+        layout.menu(HFX_MT_on_part.bl_idname, icon="MOD_ARMATURE")
         add("hfx.add_spot", "Point on the Skin", "CURVE_PATH")
         layout.operator_menu_enum("hfx.add_vector_sensation", "device", icon="GRAPH")
         layout.separator()
@@ -47,6 +49,18 @@ class HFX_MT_add(bpy.types.Menu):
         layout.operator("hfx.load_effects", icon="IMPORT")
         layout.operator("hfx.save_effects", icon="EXPORT")
         layout.operator("hfx.paste_effects", icon="PASTEDOWN")
+
+
+class HFX_MT_on_part(bpy.types.Menu):
+    """Effects on a body part, by modality"""
+
+    bl_idname = "HFX_MT_on_part"
+    bl_label = "On a Body Part"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        for id, modality in MODALITIES.items():
+            texts = {"text": modality.title, "icon": modality.icon}
+            self.layout.operator_menu_enum("hfx.add_on_part", "part", **texts).modality = id
 
 
 class HFX_MT_list(bpy.types.Menu):
@@ -152,6 +166,8 @@ def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
     active, effect, layout = context.object, active_effect(context), self.layout
     if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
         layout.operator("hfx.paint_end", icon="CHECKMARK")
+        if not clips.strips_of(active[painting.PAINTED_EFFECT]):
+            layout.operator("hfx.add_clip", text="Finish, Add Clip", icon="NLA")
         return
     if not effects.bodies_of(context.scene) or draw_first_step(context, layout):
         return

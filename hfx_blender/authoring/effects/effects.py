@@ -129,9 +129,10 @@ def move_to_body(objects: Iterable[bpy.types.Object], body: bpy.types.Object) ->
 
 
 def is_locked(effect: bpy.types.Object) -> bool:
-    """Test for an effect in a system override, made along with another override of the file.
-    Blender disables its settings until the override is made editable."""
-    return effect.override_library is not None and effect.override_library.is_system_override
+    """Test for a linked effect, or one in a system override, made along with another override of
+    the file. Blender disables its settings until it is made editable."""
+    override = effect.override_library
+    return effect.library is not None or (override is not None and override.is_system_override)
 
 
 def muted_effects(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:

@@ -8,14 +8,14 @@ from typing import ClassVar
 import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
-from ...authoring import clips, drawn_fades
+from ...authoring import clips, drawn_fades, painting
 from ...authoring.effects import swarms
 from ...blender.scene_info import animation_fps, frame_at, frames_per_shown_unit, shown_time
 from ...blender.translation import translated
 from ...errors import InputError
 from ...text import shortened
 from .. import framing
-from ..shared import HfxOperator, active_effect
+from ..shared import HfxOperator, active_effect, painted_effect
 
 
 class _OfEffect(HfxOperator):
@@ -80,6 +80,12 @@ class _ClipOperator(_OfEffect):
 
     adds_clips = True
     bl_options = {"REGISTER", "UNDO", "PRESET"}
+    requires = (
+        (
+            lambda context: painted_effect(context) or active_effect(context),
+            "Select a haptic effect",
+        ),
+    )
     last_field: ClassVar[str]
     """Property of the subclass that the dialog shows last."""
 
@@ -111,6 +117,12 @@ class _ClipOperator(_OfEffect):
             self.start = context.scene.frame_current  # shown in Adjust Last Operation
         return framing.execute_with_room(self, context)
 
+    def effect(self, context: bpy.types.Context) -> bpy.types.Object:
+        """Effect of the clip, painted or active; painting is finished first."""
+        if painting.canvas_in(context) is not None:
+            bpy.ops.hfx.paint_end()
+        return active_effect(context)
+
     def span(self, context: bpy.types.Context) -> dict[str, float]:
         """Start, end and fades of the clip in frames of the scene, as arguments of
         ``clips.add_clip``."""
@@ -136,7 +148,7 @@ class HFX_OT_add_clip(_ClipOperator):
     )
 
     def work(self, context: bpy.types.Context) -> None:
-        clips.add_clip(active_effect(context), name=self.name, **self.span(context))
+        clips.add_clip(self.effect(context), name=self.name, **self.span(context))
 
 
 class HFX_OT_add_heartbeat(_ClipOperator):
@@ -156,7 +168,7 @@ class HFX_OT_add_heartbeat(_ClipOperator):
 
     def work(self, context: bpy.types.Context) -> None:
         clips.add_heartbeat(
-            active_effect(context), beats_per_minute=self.beats_per_minute, **self.span(context)
+            self.effect(context), beats_per_minute=self.beats_per_minute, **self.span(context)
         )
 
 

@@ -177,7 +177,20 @@ class HFX_OT_make_editable(HfxOperator):
     )
 
     def work(self, context: bpy.types.Context) -> None:
-        active_effect(context).override_library.is_system_override = False
+        effect, scene = active_effect(context), context.scene
+        if effect.library is not None:
+            linked, top = effect, scene.collection
+            # An object linked by itself is replaced here, with its collection below.
+            linked.override_create(remap_local_usages=True)
+            for parent in (top, *top.children_recursive):
+                for child in parent.children if parent.library is None else ():
+                    if child.library is not None and linked in child.all_objects.values():
+                        child.override_hierarchy_create(scene, context.view_layer)
+                        parent.children.unlink(child)
+            overrides = (obj for obj in scene.objects if obj.override_library is not None)
+            effect = next(obj for obj in overrides if obj.override_library.reference == linked)
+            select_only(context, effect)
+        effect.override_library.is_system_override = False
 
 
 _MODALITIES = (

@@ -114,7 +114,7 @@ class HFX_OT_remove_effects(_SelectedEffects):
     def work(self, context: bpy.types.Context) -> str:
         chosen = swarms.selected_effects(context.scene)
         for effect in chosen:
-            if effect.library is not None or effects.is_locked(effect):
+            if effects.is_locked(effect):
                 raise InputError(f"'{effect.name}' belongs to a linked file.")
         bpy.data.batch_remove(chosen)
         return f"Deleted {len(chosen)} {'effect' if len(chosen) == 1 else 'effects'}"

@@ -13,9 +13,17 @@ from ...authoring import painting
 from ...authoring.effects import effects
 from ...blender import compat
 from ...engine.body.parts import REGIONS, SIDES
+from ...engine.modality import MODALITY_ITEMS
 from ...errors import InputError
 from .. import framing
-from ..shared import EnumItems, HfxOperator, kept_items, painted_effect, select_only
+from ..shared import (
+    EnumItems,
+    HfxOperator,
+    OnBodyOperator,
+    kept_items,
+    painted_effect,
+    select_only,
+)
 from . import paint_view
 
 if TYPE_CHECKING:
@@ -144,6 +152,19 @@ class HFX_OT_fill_part(_PaintedOperator):
             parts = () if self.part == "all" else (self.part,)
             count = painting.fill_parts(effect, parts, self.side)
         return _covers(effect, count)
+
+
+class HFX_OT_add_on_part(OnBodyOperator):
+    """Add an effect that covers a body part"""
+
+    bl_label = "On a Body Part"
+
+    modality: EnumProperty(name="Modality", description="Sensation", items=MODALITY_ITEMS)
+    part: EnumProperty(name="Part", description="Body part, or saved area", items=_parts)
+
+    def work(self, _context: bpy.types.Context) -> None:
+        bpy.ops.hfx.add_painted(modality=self.modality)
+        bpy.ops.hfx.fill_part(part=self.part)
 
 
 class HFX_OT_set_area(_PaintedOperator):

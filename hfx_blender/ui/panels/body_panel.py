@@ -164,7 +164,8 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
             and effects.body_in(context.scene, effect) != body
         ]
         if elsewhere:
-            text = f"Take {len(elsewhere)} Effects of Other Bodies"
+            is_single = len(elsewhere) == 1
+            text = f"Take {len(elsewhere)} {'Effect' if is_single else 'Effects'} of Other Bodies"
             take = layout.operator("hfx.move_to_body", text=text, icon="FORWARD")
             take.which, take.body = "ALL", body.name
         layout.label(text=body.name, icon="ARMATURE_DATA")

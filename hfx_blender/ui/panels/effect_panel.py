@@ -64,7 +64,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             draw_text(
                 context,
                 layout,
-                "The effect belongs to a linked file: its settings are locked",
+                "The effect belongs to a linked file: its settings are greyed out",
                 "LOCKED",
             )
             layout.operator("hfx.make_editable", icon="UNLOCKED")

@@ -231,7 +231,8 @@ class HFX_UL_effects(bpy.types.UIList):
             if hfx.kind in effects.ON_A_BODY and len(effects.bodies_of(context.scene)) > 1:
                 body = effects.body_in(context.scene, effect)
                 line.label(text="" if body is None else body.name)
-            if effects.is_locked(effect):
+            title.active = not effects.is_locked(effect)
+            if not title.active:
                 line.label(text="", icon="LINKED")
         else:
             icon = "DOWNARROW_HLT" if row.is_open else "RIGHTARROW"

@@ -129,6 +129,27 @@ def test_an_override_has_values_and_clips_of_its_own_and_survives_saving(
     assert felt() == {"Ball"}, "the library's clip is still there"
 
 
+@pytest.mark.parametrize("is_alone", [True, False])
+def test_a_linked_effect_is_locked_until_it_is_made_editable(library: Path, is_alone: bool) -> None:
+    """Linked as an object, or with its collection."""
+    collection = link(library)
+    (linked,) = collection.objects
+    if is_alone:
+        bpy.context.scene.collection.children.unlink(collection)
+        bpy.context.scene.collection.objects.link(linked)
+    bpy.context.view_layer.objects.active = linked
+    linked.select_set(True)
+    assert effects.is_locked(linked)
+    with pytest.raises(RuntimeError, match="linked file"):
+        bpy.ops.hfx.remove_effects()
+    assert bpy.ops.hfx.make_editable() == {"FINISHED"}
+    ours = bpy.context.object
+    assert ours.override_library.reference == linked and not effects.is_locked(ours)
+    ours.hfx.amplitude = 3.0
+    assert ours.hfx.amplitude == 3.0
+    assert effects.effects_of(bpy.context.scene) == [ours], "in place of the linked effect"
+
+
 def test_an_override_can_be_muted_and_given_another_body(library: Path) -> None:
     (linked,) = link(library).objects
     for name in ("is_muted", "is_solo", "body", "modality", "shape", "temperature_reference"):

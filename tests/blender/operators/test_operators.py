@@ -426,6 +426,28 @@ def test_the_canvas_stands_where_the_body_does(body: Any) -> None:
     assert np.allclose(points.max(axis=0), avatar.max(axis=0), atol=0.03)
 
 
+@pytest.mark.parametrize("name", ["add_clip", "add_heartbeat"])
+def test_a_clip_of_the_painted_effect_ends_painting(body: Any, name: str) -> None:
+    effect = painted()
+    bpy.ops.hfx.paint_begin()
+    canvas = bpy.context.object
+    canvas.vertex_groups[painting.GROUP].add([5], 0.75, "REPLACE")
+    assert getattr(bpy.ops.hfx, name)() == {"FINISHED"}
+    assert bpy.context.object == effect and bpy.context.mode == "OBJECT"
+    assert effects.area(effect) == ([5], [0.75])
+    assert len(clips.strips_of(effect)) == 1
+
+
+def test_an_effect_covers_a_body_part_from_the_start(body: Any) -> None:
+    bpy.ops.hfx.add_on_part(modality="vibration", part="hand_palm")
+    effect = bpy.context.object
+    model = load_model("hfx-vibration-1")
+    vertices = effects.area(effect)[0]
+    assert effect.hfx.modality == "vibration" and 0 < len(vertices) < len(model) / 4
+    bpy.ops.hfx.add_on_part(modality="pressure", part="all")
+    assert len(effects.area(bpy.context.object)[0]) == len(load_model("hfx-pressure-1"))
+
+
 def test_painting_refuses_what_it_could_not_take_over(body: Any) -> None:
     effect = painted()
     bpy.ops.hfx.set_area(area='{"3": 0.5}')

@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import bpy
 import numpy as np
 
-AVATAR_ROW, VOLUME_ROW, PAINTED_ROW, POINT_ROW = 0, 1, 6, 7  # of Add > Haptic
+AVATAR_ROW, VOLUME_ROW, PAINTED_ROW, PART_ROW, POINT_ROW = 0, 1, 6, 7, 8  # of Add > Haptic
 SHAPES = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")  # volumes: a row of the menu for each
 # Distance of the list of effects below the list's switches, and height of a row, pixels.
 LIST_BELOW, LIST_ROW = 31, 21
@@ -113,15 +113,60 @@ def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]
     if shot:
         h.shot(shot)
     parts = yield from h.menu_rows()
+    yield from h.click(*in_columns(parts, entry))
+    yield 0.8
+
+
+def in_columns(places: list[tuple[float, float]], entry: tuple[int, int]) -> tuple[float, float]:
+    """Place at a column and a row of a menu of several columns."""
     columns: list[list[tuple[float, float]]] = []
-    for place in sorted(parts):
+    for place in sorted(places):
         if columns and place[0] - columns[-1][-1][0] < 20:
             columns[-1].append(place)
         else:
             columns.append([place])
     column, row = entry
-    yield from h.click(*sorted(columns[column], key=lambda place: place[1])[row])
+    return sorted(columns[column], key=lambda place: place[1])[row]
+
+
+def add_on_part(h: Any, modality: str, part: tuple[int, int], shot: str = "") -> Iterator[float]:
+    """Choose Add > Haptic > On a Body Part > modality > part, by the part's column and row."""
+    yield from h.move(*h.xy(h.region(), 0.15, 0.6))
+    yield from h.key("shift+a")
+    yield 0.4
+    rows = yield from h.menu()
+    x, y = rows[0]
+    yield from h.move(x, y - _ABOVE_MENU)
+    rows = yield from h.menu()
+    opened = yield from h.submenu(rows[-1])
+    for row in (PART_ROW, MODALITIES.index(modality)):
+        before = yield from h.menu_rows()
+        yield from h.move(*opened[row])
+        yield 1.0
+        after = yield from h.menu_rows()
+        opened = [place for place in after if min(map(_distance(place), before)) > 8]
+        opened.sort(key=lambda place: place[1])
+    if shot:
+        h.shot(shot)
+    yield from h.click(*in_columns(opened, part))
     yield 0.8
+
+
+def _distance(place: tuple[float, float]) -> Callable[[tuple[float, float]], float]:
+    return lambda other: abs(place[0] - other[0]) + abs(place[1] - other[1])
+
+
+def enter_several(
+    h: Any, first: tuple[float, float], last: tuple[float, float], value: str
+) -> Iterator[float]:
+    """Drag over neighbouring number fields and type a value for all of them."""
+    middle = (first[0], 0.5 * (first[1] + last[1]))
+    yield from h.drag([first, middle, last], step=0.15)
+    yield 0.4
+    yield from h.key("ctrl+a")
+    yield from h.text(value)
+    yield from h.key("Return")
+    yield 0.5
     yield from h.press_button("HFX_OT_paint_end")
     yield from h.until(lambda: bpy.context.mode == "OBJECT", "painting has ended", 60)
     yield 0.8
