@@ -277,7 +277,7 @@ def test_the_panel_of_a_painted_effect_and_while_it_is_painted(scene: Any) -> No
     assert drawn(effect_panel.HFX_PT_effect.draw, bpy.context) == ["Painting 'Painted Pressure'"]
     area = drawn(effect_panel.HFX_PT_area.draw, bpy.context)
     assert "hfx.paint_end" in area and "hfx.paint_begin" not in area
-    assert drawn(menus.draw_header, bpy.context) == ["hfx.paint_end"]
+    assert drawn(menus.draw_header, bpy.context) == ["hfx.paint_end", "hfx.add_clip"]
 
 
 def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None:

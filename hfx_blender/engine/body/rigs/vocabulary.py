@@ -2,18 +2,20 @@
 """Vocabulary of bone names: joints, sides, filler words, Japanese names.
 
 A joint is a set of words in any order, joined or not: ``upper arm`` matches ``ArmUpper``,
-``upperarm`` and ``UPPER_ARM``. The words come from the public naming of Mixamo, Unity and VRM,
-VRoid Studio, Rigify, Auto-Rig Pro, Unreal's mannequins, MakeHuman, the CMU motion capture files,
-Daz Genesis, Character Creator, 3ds Max Biped, MikuMikuDance, SMPL, Xsens, Maya's Advanced Skeleton,
-mGear and Second Life, and from anatomy.
+``upperarm`` and ``UPPER_ARM``. The words are in ``vocabulary.csv``. They come from the public
+naming of Mixamo, Unity and VRM, VRoid Studio, Rigify, Auto-Rig Pro, Unreal's mannequins, MakeHuman,
+the CMU motion capture files, Daz Genesis, Character Creator, 3ds Max Biped, MikuMikuDance, SMPL,
+Xsens, Maya's Advanced Skeleton, mGear and Second Life, and from anatomy.
 """
 
 from __future__ import annotations
 
+import csv
 import re
 import unicodedata
 from collections.abc import Mapping
 from functools import lru_cache
+from pathlib import Path
 from typing import Final
 
 Words = frozenset[str]
@@ -21,62 +23,11 @@ Words = frozenset[str]
 FINGERS: Final = ("thumb", "index", "middle", "ring", "pinky")
 """Finger ``n`` (from 1) of the canonical skeleton is ``FINGERS[n - 1]``."""
 
-# Slot: comma-separated sets of words.
-_SIDED_WORDS: Final = {
-    "clavicle": "clavicle, clav, collar, collar bone, scapula, scap, sternoclavicular",
-    "shoulder": "shoulder, shldr",  # collar bone or upper arm, decided by the other bones
-    "upper_arm": "upper arm, up arm, u arm, arm stretch, shldr bend, upper arm bend, shoulder bend,"
-    "humerus, upper arm stretch, bicep, biceps",
-    "upper_arm_twist": "shldr twist, upper arm twist, up arm twist, arm twist, shoulder part,"
-    "shoulder twist",
-    "arm": "arm, arm div loc",  # the upper arm of Mixamo
-    "forearm": "fore arm, f arm, lower arm, lo arm, low arm, fore arm stretch, fore arm bend,"
-    "lower arm bend, elbow, radius, ulna",
-    "forearm_twist": "fore arm twist, lower arm twist, low arm twist, fore twist, wrist twist,"
-    "elbow part",
-    "hand": "hand, wrist, arm hand, fist, arm end",
-    "thigh": "thigh, up leg, upper leg, thigh stretch, thigh bend, femur, upper thigh",
-    "thigh_twist": "thigh twist, up leg twist, upper leg twist, hip part",
-    "leg": "leg, leg div loc",  # the shin of Mixamo; the thigh in rigs with a knee
-    "hip": "hip, hips",
-    "shin": "shin, calf, lower leg, lo leg, low leg, leg stretch, knee, tibia, crus",
-    "shin_twist": "shin twist, calf twist, lower leg twist, leg twist, knee part",
-    "foot": "foot, ankle, leg foot, feet, leg end",
-    "toe": "toe, toes, toe base, toes base, ball, foot ball, foot toe, foot toes,"
-    "leg digit, foot digit",
-    "toe 1": "big toe",
-    "toe 2": "index toe",
-    "toe 3": "mid toe, middle toe",
-    "toe 4": "ring toe",
-    "toe 5": "pinky toe, little toe",
-    "small_toe": "small toe",
-    "pelvis_half": "pelvis",
-    "breast": "breast, pectoral",
-    "eye": "eye, face eye, adj face eye, eye ball",
-    "finger": "finger, hand finger, fingers, arm digit, hand digit",
-    "finger_base": "finger base",
-    "metacarpal": "metacarpal, palm, carpal",
-}
-_CENTRE_WORDS: Final = {
-    "hips": "hips, hip, pelvis, groin, sacroiliac",
-    "lower_body": "lower body",  # MikuMikuDance: sibling of the upper body
-    "spine": "spine, chest, upper chest, lower chest, mid chest, abdomen, lower abdomen,"
-    "upper abdomen, lower back, upper back, mid back, back, torso, upper torso, lower torso, waist,"
-    "stomach, ribs, rib cage, thorax, lower spine, low spine, upper spine, up spine, mid spine,"
-    "middle spine,"
-    "upper body, trunk, sternum, vertebra, lumbar, ab, abs, bust, body, navel,"
-    "spine base, spine shoulder",
-    "neck": "neck, lower neck, upper neck, neck twist, cervical",
-    "head": "head, skull, skull base",
-    "jaw": "jaw, lower jaw, jaw root, mandible",
-}
-_FINGER_WORDS: Final = {
-    "thumb": "thumb",
-    "index": "index, ind, pointer, fore",
-    "middle": "middle, mid",
-    "ring": "ring, third",
-    "pinky": "pinky, pinkie, little, lit",
-}
+# Words by table and slot. A note of the file explains a slot to its readers.
+_WORDS: Final[dict[str, dict[str, list[str]]]] = {}
+with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _file:
+    for _row in csv.DictReader(_file):
+        _WORDS.setdefault(_row["table"], {})[_row["slot"]] = _row["words"].split(", ")
 _PHALANGES: Final = "proximal intermediate med medial distal phalanx mcp pip dip ip cmc".split()
 
 SIDES: Final = {
@@ -113,20 +64,17 @@ CONTROLS: Final = frozenset(
 """Words of controls and helpers, significant however many names share one."""
 
 
-def _entries(table: Mapping[str, str]) -> dict[Words, str]:
-    """Slot by set of words, from slots with sets separated by commas."""
-    return {
-        frozenset(words.split()): slot for slot, sets in table.items() for words in sets.split(",")
-    }
+def _entries(table: Mapping[str, list[str]]) -> dict[Words, str]:
+    """Slot by set of words."""
+    return {frozenset(words.split()): slot for slot, sets in table.items() for words in sets}
 
 
 def _finger_entries() -> dict[Words, str]:
     """Slot "finger <name>" or "metacarpal <name>" by set of words, for all spellings of the five
     fingers."""
     entries: dict[Words, str] = {}
-    for finger, names in _FINGER_WORDS.items():
-        for name in names.split(","):
-            word = name.strip()
+    for finger, words in _WORDS["finger"].items():
+        for word in words:
             for around in ((), ("hand",), ("f",), ("finger",), ("hand", "finger"), ("fingers",)):
                 for phalanx in ((), *((name,) for name in _PHALANGES)):
                     entries[frozenset((word, *around, *phalanx))] = f"finger {finger}"
@@ -141,10 +89,10 @@ def _finger_entries() -> dict[Words, str]:
     return entries
 
 
-SIDED: Final = _finger_entries() | _entries(_SIDED_WORDS)
+SIDED: Final = _finger_entries() | _entries(_WORDS["sided"])
 """Set of words to slot, for joints on both sides."""
 
-CENTRE: Final = _entries(_CENTRE_WORDS)
+CENTRE: Final = _entries(_WORDS["centre"])
 """Set of words to slot, for joints in the middle of the body."""
 
 CONTEXT: Final = {
@@ -221,34 +169,7 @@ def _words(text: str) -> tuple[str, ...]:
     return shortest[-1] or ()
 
 
-_JAPANESE_JOINTS: Final = {
-    "下半身": "lowerbody",
-    "上半身": "upperbody",
-    "首": "neck",
-    "頭": "head",
-    "肩": "shoulder",
-    "腕": "upperarm",
-    "腕捩": "upperarmtwist",
-    "ひじ": "forearm",
-    "肘": "forearm",
-    "手捩": "forearmtwist",
-    "手首": "hand",
-    "足": "thigh",
-    "ひざ": "shin",
-    "膝": "shin",
-    "足首": "foot",
-    # The toe joint; "つま先" is the toe tip, a target of foot controls.
-    "足先EX": "toe skin",
-    "目": "eye",
-    "胸": "breast",
-    "親指": "thumb",
-    "人指": "index",
-    "人差指": "index",
-    "人差し指": "index",
-    "中指": "middle",
-    "薬指": "ring",
-    "小指": "pinky",
-}
+_JAPANESE: Final = {name: slot for slot, names in _WORDS["japanese"].items() for name in names}
 _JAPANESE_SIDES: Final = {"左": "left", "右": "right"}
 _NUMERALS: Final = str.maketrans("一二三", "123")
 _JAPANESE_NAME: Final = re.compile(r"([左右]?)(.+?)(\d*)([左右]?)(?:[._ ]([LR]))?")
@@ -266,11 +187,9 @@ def in_english(name: str) -> str:
         return name
     before, stem, number, after, mark = match.groups()
     side = _JAPANESE_SIDES.get(before or after, {"L": "left", "R": "right"}.get(mark or "", ""))
-    is_carrier = stem not in _JAPANESE_JOINTS
+    is_carrier = stem not in _JAPANESE
     if is_carrier:  # "足D" carries the skin and follows the posed bone "足"
         stem = stem.removesuffix("D")
-    if stem not in _JAPANESE_JOINTS:
+    if stem not in _JAPANESE:
         return name
-    return " ".join(
-        w for w in (side, _JAPANESE_JOINTS[stem], number, "skin" if is_carrier else "") if w
-    )
+    return " ".join(w for w in (side, _JAPANESE[stem], number, "skin" if is_carrier else "") if w)
