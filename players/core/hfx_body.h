@@ -28,8 +28,8 @@ static inline uint32_t hfx_held_of(const hfx_clip *clip, uint32_t model, const h
   return 0;
 }
 
-/* Number of reaches of an actuator's reaction, one a chunk; they are written to `found` unless it is
- * NULL. */
+/* Number of reaches of an actuator's reaction, one a chunk; they are written to `found` unless that
+ * is NULL. */
 static inline uint32_t hfx_find_reaches(const hfx_clip *clip, const unsigned char *reaction,
                                         hfx_reach *found) {
   const unsigned char *at = hfx_record(clip, HFX_RCHV, hfx_u32(reaction + 24));
@@ -42,6 +42,7 @@ static inline uint32_t hfx_find_reaches(const hfx_clip *clip, const unsigned cha
     if (!found) continue;
     found[count - 1].chunk = chunk;
     found[count - 1].factors[hfx_u32(at) % HFX_CHUNK] = hfx_f32(at + 4);
+    if (hfx_f32(at + 4) > found[count - 1].most) found[count - 1].most = hfx_f32(at + 4);
   }
   return count;
 }
@@ -60,7 +61,8 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, const h
                                     uint64_t parts[HFX_PARTS]) {
   const unsigned char *at = hfx_record(clip, HFX_BODY, body);
   const uint64_t bones = hfx_u32(at + 8), reactions = clip->parts[HFX_REAC].count;
-  uint64_t chunks = 0, linked = 0, pulls = 0, reaches = 0, weights = 0, held = 0, largest = 0, sum = 0;
+  uint64_t chunks = 0, linked = 0, pulls = 0, reaches = 0, weights = 0, held = 0, largest = 0;
+  uint64_t sum = 15; /* for an address that is a multiple of 16 */
   uint32_t k;
   for (k = 0; k < hfx_u32(at + 16); k++) {
     const uint32_t count = hfx_chunks_of(clip, hfx_u32(at + 12) + k);
@@ -101,7 +103,7 @@ HFX_API size_t hfx_body_effects_bytes(const hfx_clip *clip, uint32_t body,
                                       const hfx_clip *effects) {
   uint64_t parts[HFX_PARTS], sum;
   if (body >= hfx_clip_bodies(clip)) return 0;
-  sum = hfx_parts_of(clip, body, effects, parts) + 1;
+  sum = hfx_parts_of(clip, body, effects, parts);
   return sum < (uint64_t)(size_t)-1 ? (size_t)sum : 0;
 }
 
@@ -124,18 +126,21 @@ static inline float *hfx_begin_felt(const hfx_body *self, hfx_felt *felt, uint32
   felt->held_peaks = felt->held + HFX_CHUNK * (size_t)held;
   hfx_floats(felt->effect + 40, 4, felt->parameters);
   hfx_floats(felt->effect + 76, 12, felt->matrix);
+  felt->is_flat = !hfx_inverse(felt->matrix, felt->to_shape);
   return felt->held_peaks + held;
 }
 
 /* Reads what actuators reach, into memory of zeros. */
 static inline void hfx_read_reactions(hfx_body *self) {
-  uint32_t k, first = 0;
+  uint32_t k, i, first = 0;
   for (k = 0; k < self->clip.parts[HFX_REAC].count; k++) {
     const unsigned char *at = hfx_record(&self->clip, HFX_REAC, k);
     self->reactions[k].first = first;
     if (hfx_is_reaction_of(&self->clip, self->body, at))
       first += hfx_find_reaches(&self->clip, at, self->reaches + first);
     self->reactions[k].end = first;
+    for (i = self->reactions[k].first; i < first; i++)
+      self->reactions[k].chunk_bits |= (uint64_t)1 << self->reaches[i].chunk % 64;
   }
 }
 
@@ -153,7 +158,8 @@ HFX_API int hfx_body_open_effects(hfx_body *self, const hfx_clip *clip, uint32_t
   if (body >= hfx_clip_bodies(clip)) return HFX_ERROR_INDEX;
   if (!memory || hfx_parts_of(clip, body, effects, parts) > size) return HFX_ERROR_MEMORY;
   for (i = 0; i < size; i++) at[i] = 0;
-  self->pose = (hfx_lanes *)memory;
+  at += (16 - (size_t)memory % 16) % 16;
+  self->pose = (hfx_lanes *)(void *)at;
   self->felt = (hfx_felt *)(void *)(at += parts[0]);
   copy = (hfx_clip *)(void *)(self->felt + hfx_clip_effects(effects));
   if (!hfx_clip_effects(effects)) self->felt = NULL;
@@ -259,7 +265,10 @@ HFX_API void hfx_body_set_bones(hfx_body *self, const float *matrices) {
   uint32_t i;
   int c;
   for (i = 0; i < count; i++, matrices += 12)
-    for (c = 0; c < 12; c++) self->bones[i].now[4 * (c % 4) + c / 4] = matrices[c];
+    for (c = 0; c < 4; c++) {
+      float *column = self->bones[i].now + 4 * c;
+      column[0] = matrices[c], column[1] = matrices[4 + c], column[2] = matrices[8 + c];
+    }
   self->is_posed = count > 0;
 }
 
@@ -275,6 +284,7 @@ HFX_API int hfx_body_set_volume(hfx_body *self, uint32_t effect, const float *ma
   int i;
   if (!felt) return HFX_ERROR_INDEX;
   for (i = 0; i < 12; i++) felt->matrix[i] = matrix[i];
+  felt->is_flat = !hfx_inverse(felt->matrix, felt->to_shape);
   return 0;
 }
 
@@ -318,9 +328,10 @@ static inline void hfx_feel(hfx_body *self, hfx_felt *felt, double seconds) {
     touch.first = felt->first_chunk;
     touch.vertices = hfx_vertices_of(&self->clip, felt->model);
     touch.count = hfx_chunks_of(&self->clip, felt->model);
-    if (hfx_place(&touch.volume, felt->effect, felt->matrix))
-      felt->response = hfx_respond(self, &touch, seconds);
-    for (i = 0; i < 12; i++) felt->before[i] = felt->matrix[i];
+    hfx_place(&touch.volume, felt->effect, felt->matrix, felt->to_shape);
+    if (!felt->is_flat) felt->response = hfx_respond(self, &touch, seconds);
+    felt->was_flat = felt->is_flat;
+    for (i = 0; i < 12; i++) felt->to_shape_before[i] = felt->to_shape[i];
   }
   if (!is_on) felt->was_touched = 0;
   felt->was_on = is_on;
@@ -365,7 +376,7 @@ static inline double hfx_gain(const hfx_body *self, const hfx_felt *felt, uint32
     const float *weights = felt->weights + HFX_CHUNK * (size_t)reach->chunk;
     float gains[HFX_CHUNK];
     int i;
-    if (!(felt->peaks[reach->chunk] > strongest)) continue; /* no factor is above 1 */
+    if (!(felt->peaks[reach->chunk] * reach->most > strongest)) continue;
     for (i = 0; i < HFX_CHUNK; i++) gains[i] = weights[i] * reach->factors[i];
     if (is_mean) {
       sum += hfx_total(gains);
@@ -389,6 +400,7 @@ static inline double hfx_react(hfx_body *self, uint32_t reaction, uint32_t targe
     double does;
     int c;
     if (felt->model != hfx_u32(at + 4)) continue;
+    if (!(felt->chunk_bits & self->reactions[reaction].chunk_bits)) continue;
     does = hfx_gain(self, felt, reaction, at) * felt->response * felt->level;
     if (!(does > 0.0)) continue;
     does *= felt->parameters[0] -

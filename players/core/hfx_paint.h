@@ -215,6 +215,7 @@ static inline void hfx_paint(hfx_body *self, hfx_felt *felt, double turn_degrees
   turn.middle_m = 0.5 * (low[turn.up] + high[turn.up]);
   if (is_any) listed = hfx_list_near(self, rest, chunks, low, high, turn.reach_m);
   for (k = 0; k < chunks; k++) felt->peaks[k] = 0.0f;
+  felt->chunk_bits = 0;
   for (k = 0; k < count; k++) {
     const hfx_rest *chunk = rest + k / HFX_CHUNK;
     const float place[3] = {chunk->x[k % HFX_CHUNK], chunk->y[k % HFX_CHUNK],
@@ -229,6 +230,7 @@ static inline void hfx_paint(hfx_body *self, hfx_felt *felt, double turn_degrees
     }
     felt->weights[k] = weight;
     if (weight > felt->peaks[k / HFX_CHUNK]) felt->peaks[k / HFX_CHUNK] = weight;
+    if (weight > 0.0f) felt->chunk_bits |= (uint64_t)1 << k / HFX_CHUNK % 64;
   }
   felt->to = chunks;
   for (k = 0; k < count; k++) self->scratch[k] = 0.0f; /* for the next effect */

@@ -241,13 +241,16 @@ typedef struct hfx_felt { /* a volume or a painted area on a body */
   struct hfx_felt *next;        /* in the order of `number` */
   struct hfx_felt *next_acting; /* of those of one modality with a response */
   float *weights, *held;        /* of the model's vertices; what impacts hold */
-  float *peaks, *held_peaks;    /* the largest of each chunk; where it is 0, held may be anything */
+  float *peaks, *held_peaks;    /* at least the largest of each chunk; at 0, held may be anything */
   hfx_tone tone;
-  float matrix[12], before[12], parameters[4];
+  float matrix[12], parameters[4];
+  float to_shape[12], to_shape_before[12]; /* inverse matrices; before: in the last evaluation */
   uint32_t number;             /* of the effect, or of hfx_body_add_volume */
   uint32_t model, first_chunk; /* HFX_NONE: not felt by this body */
   uint32_t from, to;           /* chunks outside of these have no weight */
   uint32_t held_from, held_to; /* chunks outside of these have no held weight */
+  uint64_t chunk_bits;         /* of chunks with weights: bit `chunk % 64`, and maybe others */
+  int is_flat, was_flat;       /* the matrix has no inverse */
   int was_on, was_touched, impact_count;
   hfx_impact impacts[HFX_IMPACTS];
 } hfx_felt;
@@ -293,12 +296,13 @@ typedef struct hfx_near { /* a chunk within reach of a volume */
 
 typedef struct hfx_reach { /* factors of an actuator for the vertices of a chunk */
   uint32_t chunk;
-  float factors[HFX_CHUNK];
+  float most, factors[HFX_CHUNK]; /* most: the largest */
 } hfx_reach;
 
 typedef struct hfx_reaction {
   hfx_tone tone;
   uint32_t first, end; /* reaches */
+  uint64_t chunk_bits; /* of all of their chunks, as in hfx_felt */
 } hfx_reaction;
 
 typedef struct hfx_body { /* what is behind these pointers lies in the memory that was given */

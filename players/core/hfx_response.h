@@ -80,13 +80,13 @@ static inline double hfx_add_proximity(hfx_touch *touch, const unsigned char *fi
       const float x = 1.0f - near->away_m[i] / range_m;
       nearness[i] = x > 0.0f ? x : 0.0f;
     }
-    hfx_powers(nearness, (float)exponent);
+    if (exponent != 1.0) hfx_powers(nearness, (float)exponent);
     for (i = 0; i < HFX_CHUNK; i++) {
       nearness[i] *= share;
       nearness[i] = nearness[i] < 1.0f ? nearness[i] : 1.0f;
     }
     hfx_raise(weights, nearness);
-    hfx_note_weights(touch, near->chunk);
+    hfx_note_weights(touch, near->chunk, 1.0f);
   }
   return peak;
 }
@@ -145,7 +145,7 @@ static inline int hfx_scale_over_space(hfx_touch *touch, const unsigned char *fi
       value[i] = weights[i] > 0.0f ? weights[i] * within : weights[i];
     }
     hfx_copy(weights, value, sizeof value);
-    hfx_note_weights(touch, k);
+    hfx_note_weights(touch, k, hfx_largest(value));
   }
   return touch->from < touch->to;
 }
@@ -272,37 +272,39 @@ static inline void hfx_add_held(hfx_touch *touch, double share, double seconds) 
   felt->to = felt->held_to > touch->to ? felt->held_to : touch->to;
   for (at = felt->from; at < felt->to; at++) {
     const size_t first = HFX_CHUNK * (size_t)at;
-    float sums[HFX_CHUNK] = {0.0f}, *weights = touch->weights + first;
-    int is_any = touch->peaks[at] > 0.0f;
+    const float own_peak = touch->peaks[at];
+    float sums[HFX_CHUNK], peak = 0.0f;
+    hfx_copy(sums, hfx_zeros, sizeof sums);
     for (n = 0; n < felt->impact_count; n++) {
       const float *held = hfx_held(touch, &felt->impacts[n]) + first, value = (float)values[n];
-      const float peak = felt->held_peaks[touch->count * (size_t)felt->impacts[n].place + at];
-      if (!(peak * value > 0.0f)) continue;
+      const float held_peak = felt->held_peaks[touch->count * (size_t)felt->impacts[n].place + at];
+      if (!(held_peak * value > 0.0f)) continue;
       for (i = 0; i < HFX_CHUNK; i++) sums[i] += value * held[i];
-      is_any = 1;
+      peak += value * held_peak;
     }
-    if (!is_any) continue;
-    for (i = 0; i < HFX_CHUNK; i++) {
-      sums[i] = weights[i] > sums[i] ? weights[i] : sums[i];
-      sums[i] = sums[i] > 1.0f ? 1.0f : sums[i]; /* rounding */
-      weights[i] = 0.0f;
+    if (!(peak > 0.0f || own_peak > 0.0f)) continue;
+    for (i = 0; i < HFX_CHUNK; i++) sums[i] = sums[i] > 1.0f ? 1.0f : sums[i]; /* rounding */
+    if (own_peak > 0.0f) {
+      hfx_raise(sums, touch->weights + first);
+      hfx_copy(touch->weights + first, hfx_zeros, sizeof sums);
     }
     hfx_copy(felt->weights + first, sums, sizeof sums);
-    felt->peaks[at] = hfx_largest(sums);
+    felt->peaks[at] = peak > own_peak ? peak : own_peak;
+    felt->chunk_bits |= (uint64_t)1 << at % 64;
     touch->peaks[at] = 0.0f;
   }
 }
 
 /* Sets the weights of an effect to 0. */
 static inline void hfx_clear(hfx_felt *felt) {
-  uint32_t k, i;
+  uint32_t k;
   for (k = felt->from; k < felt->to; k++) {
-    float *weights = felt->weights + HFX_CHUNK * (size_t)k;
     if (!(felt->peaks[k] > 0.0f)) continue;
-    for (i = 0; i < HFX_CHUNK; i++) weights[i] = 0.0f;
+    hfx_copy(felt->weights + HFX_CHUNK * (size_t)k, hfx_zeros, sizeof hfx_zeros);
     felt->peaks[k] = 0.0f;
   }
   felt->from = felt->to;
+  felt->chunk_bits = 0;
 }
 
 /* Range of an effect beyond its volume, metres. */
@@ -342,7 +344,7 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, double second
   const uint32_t count = hfx_u32(touch->felt->effect + 64);
   const float reach = hfx_range(self, touch);
   double values[16], speed, onset_s = self->time_s, result, left;
-  int is_touched, is_any, is_new, multiplies = 0, has_impacts = 0, rings;
+  int is_touched, is_any, is_new, multiplies = 0, has_impacts = 0, has_speed = 0, rings;
   uint32_t f;
   hfx_forget_ended(felt, self->time_s, seconds);
   hfx_find_near(touch, reach);
@@ -358,9 +360,14 @@ static inline double hfx_respond(hfx_body *self, hfx_touch *touch, double second
     felt->held_from = touch->count, felt->held_to = 0;
   }
   is_touched = is_any = hfx_contact_weights(touch, reach);
-  speed = count && is_touched ? hfx_mean_speed(touch, seconds) : 0.0;
-  is_new = is_touched && !felt->was_touched && felt->was_on && speed > 0.0;
-  for (f = 0; f < count; f++) has_impacts |= hfx_u32(hfx_filter(self, touch, f)) == HFX_IMPACT;
+  for (f = 0; f < count; f++) {
+    has_impacts |= hfx_u32(hfx_filter(self, touch, f)) == HFX_IMPACT;
+    has_speed |= hfx_u32(hfx_filter(self, touch, f)) == HFX_SPEED;
+  }
+  is_new = is_touched && !felt->was_touched && felt->was_on;
+  has_speed |= has_impacts && is_new;
+  speed = is_touched && has_speed ? hfx_mean_speed(touch, seconds) : 0.0;
+  is_new &= speed > 0.0;
   if (is_new && has_impacts) onset_s -= (1.0 - hfx_onset(touch)) * seconds;
   for (f = 0; f < count; f++) {
     const unsigned char *filter = hfx_filter(self, touch, f);

@@ -13,17 +13,24 @@ extern "C" {
 
 #define HFX_ROUNDING 4e-6f /* of places in the world: far more than a sum of products has */
 
-/* Poses a chunk. */
+/* Poses a chunk. `lows` and `highs`: least and largest x, y and z in each lane. */
 static inline void hfx_pose_chunk(const hfx_rest *rest, const hfx_pull *pulls,
-                                  const hfx_lanes *pose, hfx_chunk *chunk) {
+                                  const hfx_lanes *pose, hfx_chunk *chunk,
+                                  float (*HFX_RESTRICT lows)[HFX_LANES],
+                                  float (*HFX_RESTRICT highs)[HFX_LANES]) {
+  float low[3][HFX_LANES], high[3][HFX_LANES];
   int g, i;
+  for (i = 0; i < HFX_LANES; i++) {
+    low[0][i] = low[1][i] = low[2][i] = HFX_FARTHEST;
+    high[0][i] = high[1][i] = high[2][i] = -HFX_FARTHEST;
+  }
   for (g = 0; g < HFX_CHUNK / HFX_LANES; g++) {
     const float *x = rest->x + HFX_LANES * g, *y = rest->y + HFX_LANES * g;
     const float *z = rest->z + HFX_LANES * g;
     const hfx_pull *pull = pulls + rest->first[g], *end = pulls + rest->first[g + 1];
     float a[HFX_LANES] = {0.0f}, b[HFX_LANES] = {0.0f}, d[HFX_LANES] = {0.0f};
     for (; pull < end; pull++) {
-      const float(*m)[HFX_LANES] = pose[pull->bone].at, *share = pull->shares;
+      const float(*m)[HFX_LANES] = HFX_ALIGNED(pose[pull->bone].at), *share = pull->shares;
       HFX_KEEP_LOOP
       for (i = 0; i < HFX_LANES; i++) {
         a[i] += share[i] * (m[0][i] * x[i] + m[1][i] * y[i] + m[2][i] * z[i] + m[3][i]);
@@ -31,11 +38,24 @@ static inline void hfx_pose_chunk(const hfx_rest *rest, const hfx_pull *pulls,
         d[i] += share[i] * (m[8][i] * x[i] + m[9][i] * y[i] + m[10][i] * z[i] + m[11][i]);
       }
     }
+    HFX_KEEP_LOOP
+    for (i = 0; i < HFX_LANES; i++) {
+      low[0][i] = a[i] < low[0][i] ? a[i] : low[0][i];
+      low[1][i] = b[i] < low[1][i] ? b[i] : low[1][i];
+      low[2][i] = d[i] < low[2][i] ? d[i] : low[2][i];
+      high[0][i] = a[i] > high[0][i] ? a[i] : high[0][i];
+      high[1][i] = b[i] > high[1][i] ? b[i] : high[1][i];
+      high[2][i] = d[i] > high[2][i] ? d[i] : high[2][i];
+    }
     for (i = 0; i < HFX_LANES; i++) {
       chunk->x[HFX_LANES * g + i] = a[i];
       chunk->y[HFX_LANES * g + i] = b[i];
       chunk->z[HFX_LANES * g + i] = d[i];
     }
+  }
+  for (i = 0; i < HFX_LANES; i++) {
+    lows[0][i] = low[0][i], lows[1][i] = low[1][i], lows[2][i] = low[2][i];
+    highs[0][i] = high[0][i], highs[1][i] = high[1][i], highs[2][i] = high[2][i];
   }
 }
 
@@ -173,14 +193,16 @@ static inline void hfx_find_ways(hfx_bone_pose *bone) {
 /* Moves and widens up to HFX_CHUNK boxes by what vertices may have moved with their bones. */
 static inline void hfx_move_boxes(hfx_boxes *boxes, const hfx_rest *rest, uint32_t count,
                                   const uint32_t *chunk_bones, const hfx_bone_pose *bones) {
-  float least[4][HFX_CHUNK] = {{0.0f}}, most[4][HFX_CHUNK] = {{0.0f}};
+  float least[HFX_CHUNK][4], most[HFX_CHUNK][4];
   float low[HFX_CHUNK], high[HFX_CHUNK], *centre[3], *half[3];
   uint32_t k, n;
   int c, i;
   for (k = 0; k < count; k++, rest++) {
+    const hfx_bone_pose *first = bones + chunk_bones[rest->first_bone];
     float from[4], to[4];
-    for (c = 0; c < 4; c++) from[c] = HFX_UNKNOWN, to[c] = -HFX_UNKNOWN;
-    for (n = rest->first_bone; n < rest->end_bone; n++) {
+    HFX_KEEP_LOOP
+    for (c = 0; c < 4; c++) from[c] = first->least[c], to[c] = first->most[c];
+    for (n = rest->first_bone + 1; n < rest->end_bone; n++) {
       const hfx_bone_pose *bone = bones + chunk_bones[n];
       HFX_KEEP_LOOP
       for (c = 0; c < 4; c++) {
@@ -188,14 +210,16 @@ static inline void hfx_move_boxes(hfx_boxes *boxes, const hfx_rest *rest, uint32
         to[c] = bone->most[c] > to[c] ? bone->most[c] : to[c];
       }
     }
-    for (c = 0; c < 3; c++) least[c][k] = from[c], most[c][k] = to[c];
+    for (c = 0; c < 4; c++) least[k][c] = from[c], most[k][c] = to[c];
   }
+  for (; k < HFX_CHUNK; k++)
+    for (c = 0; c < 4; c++) least[k][c] = most[k][c] = 0.0f;
   centre[0] = boxes->centre.x, centre[1] = boxes->centre.y, centre[2] = boxes->centre.z;
   half[0] = boxes->half.x, half[1] = boxes->half.y, half[2] = boxes->half.z;
   for (c = 0; c < 3; c++) {
     for (i = 0; i < HFX_CHUNK; i++) {
-      const float middle = centre[c][i] + 0.5f * (least[c][i] + most[c][i]);
-      float more = half[c][i] + 0.5f * (most[c][i] - least[c][i]);
+      const float middle = centre[c][i] + 0.5f * (least[i][c] + most[i][c]);
+      float more = half[c][i] + 0.5f * (most[i][c] - least[i][c]);
       more += 0.25f * HFX_ROUNDING * (fabsf(middle) + more);
       low[i] = more < HFX_UNKNOWN ? more : HFX_UNKNOWN;
       high[i] = more < HFX_UNKNOWN ? middle : 0.0f;

@@ -57,15 +57,17 @@ static inline void hfx_pose_box(hfx_body *self, uint32_t at) {
   const uint32_t i = at % HFX_CHUNK;
   hfx_boxes *boxes = self->boxes + at / HFX_CHUNK;
   hfx_chunk *chunk = self->places + at;
-  const float *places[3];
-  float *middle[3], *half[3];
-  int c;
-  hfx_pose_chunk(self->rest + at, self->pulls, self->pose, chunk);
-  places[0] = chunk->x, places[1] = chunk->y, places[2] = chunk->z;
+  float lows[3][HFX_LANES], highs[3][HFX_LANES], *middle[3], *half[3];
+  int c, k;
+  hfx_pose_chunk(self->rest + at, self->pulls, self->pose, chunk, lows, highs);
   middle[0] = boxes->centre.x + i, middle[1] = boxes->centre.y + i, middle[2] = boxes->centre.z + i;
   half[0] = boxes->half.x + i, half[1] = boxes->half.y + i, half[2] = boxes->half.z + i;
   for (c = 0; c < 3; c++) {
-    const float low = hfx_smallest(places[c]), high = hfx_largest(places[c]);
+    float low = lows[c][0], high = highs[c][0];
+    for (k = 1; k < HFX_LANES; k++) {
+      low = lows[c][k] < low ? lows[c][k] : low;
+      high = highs[c][k] > high ? highs[c][k] : high;
+    }
     *middle[c] = 0.5f * low + 0.5f * high;
     *half[c] = 0.5f * high - 0.5f * low;
     *half[c] += HFX_ROUNDING * (fabsf(*middle[c]) + *half[c]);
@@ -87,19 +89,21 @@ static inline const hfx_chunk *hfx_posed_before(hfx_touch *touch, uint32_t k) {
   hfx_body *self = touch->body;
   const uint32_t at = touch->first + k;
   hfx_chunk *chunk = self->before + at;
+  float lows[3][HFX_LANES], highs[3][HFX_LANES];
   if (chunk->frame == self->frame - 1) return chunk;
-  hfx_pose_chunk(self->rest + at, self->pulls, self->pose_before, chunk);
+  hfx_pose_chunk(self->rest + at, self->pulls, self->pose_before, chunk, lows, highs);
   chunk->frame = self->frame - 1;
   return chunk;
 }
 
-/* Takes note of the new weights of a chunk. */
-static inline void hfx_note_weights(hfx_touch *touch, uint32_t k) {
+/* Takes note of the new weights of a chunk; `peak`: the largest, or more if any is above 0. */
+static inline void hfx_note_weights(hfx_touch *touch, uint32_t k, float peak) {
   float *weights = touch->weights + HFX_CHUNK * (size_t)k;
   uint32_t i;
   for (i = touch->vertices - HFX_CHUNK * k; i < HFX_CHUNK; i++) weights[i] = 0.0f; /* padding */
-  touch->peaks[k] = hfx_largest(weights);
-  if (!(touch->peaks[k] > 0.0f)) return;
+  touch->peaks[k] = peak;
+  if (!(peak > 0.0f)) return;
+  touch->felt->chunk_bits |= (uint64_t)1 << k % 64;
   if (k < touch->from) touch->from = k;
   if (k >= touch->to) touch->to = k + 1;
 }
@@ -137,11 +141,11 @@ static inline int hfx_contact_weights(hfx_touch *touch, float reach) {
   for (; near < end; near++) {
     const uint32_t k = near->chunk;
     hfx_chunk p;
-    float gauge[HFX_CHUNK];
+    float gauge[HFX_CHUNK], *weights = touch->weights + HFX_CHUNK * (size_t)k;
     hfx_transform(touch->volume.to_shape, hfx_posed(touch, k), &p);
     hfx_gauge(&touch->volume, &p, gauge);
-    if (hfx_falloff_weights(&touch->volume, gauge, touch->weights + HFX_CHUNK * (size_t)k))
-      hfx_note_weights(touch, k);
+    if (hfx_falloff_weights(&touch->volume, gauge, weights))
+      hfx_note_weights(touch, k, hfx_largest(weights));
     if (reach > 0.0f)
       near->least_m = hfx_distances(&touch->volume, &p, gauge, most, near->away_m);
   }
@@ -151,12 +155,13 @@ static inline int hfx_contact_weights(hfx_touch *touch, float reach) {
 /* Mean speed of touched skin against the volume since the moment before, m/s. */
 static inline double hfx_mean_speed(hfx_touch *touch, double seconds) {
   const float *m = touch->volume.to_world;
-  float then[12], moved[12]; /* moved: by the volume, of what it takes along, in the world */
+  const float *then = touch->felt->to_shape_before;
+  float moved[12]; /* by the volume, of what it takes along, in the world */
   double sum = 0.0, weights = 0.0;
   uint32_t k;
   int r, c;
-  if (!touch->body->was_posed || !touch->felt->was_on || !(seconds > 0.0)) return 0.0;
-  if (!hfx_inverse(touch->felt->before, then)) return 0.0;
+  if (!touch->body->was_posed || !touch->felt->was_on || touch->felt->was_flat) return 0.0;
+  if (!(seconds > 0.0)) return 0.0;
   for (r = 0; r < 12; r += 4)
     for (c = 0; c < 4; c++)
       moved[r + c] = m[r] * then[c] + m[r + 1] * then[4 + c] + m[r + 2] * then[8 + c] +
@@ -184,16 +189,15 @@ static inline double hfx_mean_speed(hfx_touch *touch, double seconds) {
 /* Share of the time since the moment before at which the first of what is touched was inside.
  * Skin moves straight in shape space, where shapes are convex: halving finds when. */
 static inline double hfx_onset(hfx_touch *touch) {
-  float then[12], first = 1.0f;
+  float first = 1.0f;
   uint32_t k;
-  if (!hfx_inverse(touch->felt->before, then)) return 1.0;
   for (k = touch->from; (k = hfx_next_weighted(touch, k)) < touch->to; k++) {
     const float *weight = touch->weights + HFX_CHUNK * (size_t)k;
     float gauge[HFX_CHUNK], share[HFX_CHUNK], half = 1.0f; /* outside until `share` */
     hfx_chunk p, q, at;
     int i, step;
     hfx_transform(touch->volume.to_shape, hfx_posed(touch, k), &p);
-    hfx_transform(then, hfx_posed_before(touch, k), &q);
+    hfx_transform(touch->felt->to_shape_before, hfx_posed_before(touch, k), &q);
     for (i = 0; i < HFX_CHUNK; i++) share[i] = 0.0f;
     for (step = 0; step < HFX_HALVINGS; step++) {
       half *= 0.5f;

@@ -17,6 +17,13 @@ extern "C" {
 #define HFX_KEEP_LOOP
 #endif
 
+/* An address that is a multiple of 16, as vector instructions want it. */
+#if defined(__GNUC__) && !defined(__cplusplus)
+#define HFX_ALIGNED(address) __builtin_assume_aligned(address, 16)
+#else
+#define HFX_ALIGNED(address) (address)
+#endif
+
 /* Nothing else is at what such a pointer points to. */
 #ifdef __cplusplus
 #define HFX_RESTRICT __restrict
@@ -25,8 +32,8 @@ extern "C" {
 #endif
 
 typedef struct hfx_volume { /* a volume at one moment */
-  float to_shape[12], to_shape_sizes[12]; /* sizes: absolute values, without translation */
-  const float *to_world;
+  const float *to_world, *to_shape;
+  float to_shape_sizes[12]; /* absolute values, without translation */
   uint32_t shape, falloff;
   float half, per_share; /* per_share: 1 over the share of the falloff */
 } hfx_volume;
@@ -69,6 +76,8 @@ static inline void hfx_transform(const float *m, const hfx_chunk *of,
     found->z[i] = m[8] * x + m[9] * y + m[10] * z + m[11];
   }
 }
+
+static const float hfx_zeros[HFX_CHUNK] = {0.0f};
 
 /* Sum of the numbers of a chunk. */
 static inline float hfx_total(const float *values) {
@@ -116,29 +125,24 @@ static inline void hfx_raise(float *HFX_RESTRICT values, const float *others) {
 /* Squares of the gauge of a shape, docs/formats/clip.md, at places in its space. */
 static inline void hfx_gauge(const hfx_volume *volume, const hfx_chunk *p,
                              float *HFX_RESTRICT found) {
-  const float half = volume->half;
-  float across[HFX_CHUNK];
+  const float *x = p->x, *y = p->y, *z = p->z, half = volume->half;
   int i;
   if (volume->shape == 0) {
     for (i = 0; i < HFX_CHUNK; i++) {
-      const float x = p->x[i] * p->x[i], y = p->y[i] * p->y[i], z = p->z[i] * p->z[i];
-      const float most = x > y ? x : y;
-      found[i] = most > z ? most : z;
+      const float a = x[i] * x[i], b = y[i] * y[i], c = z[i] * z[i], most = a > b ? a : b;
+      found[i] = most > c ? most : c;
     }
-    return;
-  }
-  for (i = 0; i < HFX_CHUNK; i++) across[i] = p->x[i] * p->x[i] + p->y[i] * p->y[i];
-  if (volume->shape == 1) {
-    for (i = 0; i < HFX_CHUNK; i++) found[i] = across[i] + p->z[i] * p->z[i];
+  } else if (volume->shape == 1) {
+    for (i = 0; i < HFX_CHUNK; i++) found[i] = x[i] * x[i] + y[i] * y[i] + z[i] * z[i];
   } else if (volume->shape == 2) {
     for (i = 0; i < HFX_CHUNK; i++) {
-      const float z = p->z[i] * p->z[i];
-      found[i] = across[i] > z ? across[i] : z;
+      const float across = x[i] * x[i] + y[i] * y[i], along = z[i] * z[i];
+      found[i] = across > along ? across : along;
     }
   } else {
     for (i = 0; i < HFX_CHUNK; i++) {
-      const float past = fabsf(p->z[i]) - half, over = past > 0.0f ? past : 0.0f;
-      found[i] = across[i] + over * over;
+      const float past = fabsf(z[i]) - half, over = past > 0.0f ? past : 0.0f;
+      found[i] = x[i] * x[i] + y[i] * y[i] + over * over;
     }
   }
 }
@@ -202,18 +206,18 @@ static inline void hfx_distances_outside(const hfx_volume *volume, const hfx_chu
   }
 }
 
-/* Sets a volume up; 0: its matrix is flat, and nothing is in it. */
-static inline int hfx_place(hfx_volume *volume, const unsigned char *effect, const float *matrix) {
+/* Sets a volume up; `to_shape`: the inverse of its matrix. */
+static inline void hfx_place(hfx_volume *volume, const unsigned char *effect, const float *matrix,
+                             const float *to_shape) {
   int k;
   volume->shape = hfx_u32(effect + 20);
   volume->half = hfx_f32(effect + 24);
   volume->falloff = hfx_f32(effect + 32) > 1e-6f ? hfx_u32(effect + 28) : 0;
   volume->per_share = volume->falloff ? 1.0f / hfx_f32(effect + 32) : 0.0f;
   volume->to_world = matrix;
-  if (!hfx_inverse(matrix, volume->to_shape)) return 0;
+  volume->to_shape = to_shape;
   for (k = 0; k < 12; k++)
-    volume->to_shape_sizes[k] = k % 4 == 3 ? 0.0f : fabsf(volume->to_shape[k]);
-  return 1;
+    volume->to_shape_sizes[k] = k % 4 == 3 ? 0.0f : fabsf(to_shape[k]);
 }
 
 /* Squares of the least gauge that anything within `reach` metres of boxes may have. */
