@@ -7,6 +7,7 @@ Only the subset of GLSL that Blender translates for OpenGL, Vulkan and Metal.
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,92 +18,12 @@ from .actuator_glow import MOST_DISCS
 if TYPE_CHECKING:
     import gpu
 
-# Brightness of skin at grazing view, as a share: keeps the body's shape readable.
-_DARKEST = 0.55
-
-_HALO = 2.6  # times a disc's radius, at full strength
-_OFF = (0.06, 0.06, 0.07)
-_RIM = 0.35  # share of white in the rim, visible on any skin
-
-# A viewport's colours are stored as sRGB by the card, which then wants light; Blender sets
-# ``srgbTarget`` for that, as for its own shaders.
-_TO_TARGET = """
-vec3 to_target(vec3 colour)
-{
-  vec3 low = colour / 12.92;
-  vec3 high = pow((max(colour, vec3(0.0)) + 0.055) / 1.055, vec3(2.4));
-  vec3 light = mix(low, high, step(vec3(0.04045), colour));
-  return srgbTarget ? light : colour;
+_CONSTANTS = {
+    "DARKEST": "0.55",  # brightness of skin at grazing view: keeps the body's shape readable
+    "HALO": "2.6",  # times a disc's radius, at full strength
+    "OFF": "vec3(0.06, 0.06, 0.07)",
+    "RIM": "0.35",  # share of white in the rim, visible on any skin
 }
-"""
-
-# Premultiplied, so that a colour fades out at its edge without turning dark.
-_SKIN_VERTEX = f"""
-void main()
-{{
-  gl_Position = ModelViewProjectionMatrix * vec4(pos + normal * above, 1.0);
-  float facing = clamp(dot(normal, to_viewer), 0.0, 1.0);
-  float alpha = colour.a * opacity;
-  shade = vec4(colour.rgb * mix({_DARKEST}, 1.0, facing) * alpha, alpha);
-}}
-"""
-
-_SKIN_FRAGMENT = (
-    _TO_TARGET
-    + """
-void main()
-{
-  vec3 colour = shade.rgb / max(shade.a, 1e-6);
-  seen = vec4(to_target(colour) * shade.a, shade.a);
-}
-"""
-)
-
-# A disc with a rim, and around it a halo that fades out: rings 1 to 4.
-_DISC_VERTEX = f"""
-void main()
-{{
-  int row = int(corner.w) * 2;
-  vec3 place = rows[row].xyz;
-  vec3 normal = normalize(rows[row + 1].xyz);
-  float share = rows[row].w;
-  vec3 colour = share < 0.0 ? cold : full.rgb;
-  share = abs(share);
-  float glow = sqrt(share);
-  int ring = int(corner.z);
-
-  vec3 inner = mix(vec3({_OFF[0]}, {_OFF[1]}, {_OFF[2]}), colour, glow);
-  inner += (vec3(1.0) - colour) * 0.45 * glow;
-  shade = vec4(ring < 2 ? inner : colour, 1.0);
-  if (ring == 2) {{
-    shade.rgb = clamp(mix(inner, vec3(1.0), {_RIM}), 0.0, 1.0);
-  }}
-  if (ring > 2) {{
-    shade.a = ring == 3 ? 0.75 * glow : 0.0;
-  }}
-
-  float radius = full.w * (ring == 0 ? 0.0 : (ring == 1 ? 0.8 : 1.0));
-  if (ring == 4) {{
-    radius *= 1.0 + {_HALO - 1.0} * share;
-  }}
-  vec3 across = abs(normal.z) < 0.9 ? vec3(normal.y, -normal.x, 0.0) :
-                                      vec3(0.0, normal.z, -normal.y);
-  across = normalize(across);
-  vec3 offset = corner.x * across + corner.y * cross(normal, across);
-  vec3 at = place + normal * above + radius / scale * offset;
-  gl_Position = ModelViewProjectionMatrix * vec4(at, 1.0);
-}}
-"""
-
-_DISC_FRAGMENT = (
-    _TO_TARGET
-    + """
-void main()
-{
-  seen = vec4(to_target(shade.rgb), shade.a);
-}
-"""
-)
 
 
 @cache
@@ -124,7 +45,7 @@ def skin() -> gpu.types.GPUShader:
     info.vertex_in(0, "VEC3", "pos")
     info.vertex_in(1, "VEC3", "normal")
     info.vertex_in(2, "VEC4", "colour")
-    return _made(info, "hfx_skin", _SKIN_VERTEX, _SKIN_FRAGMENT)
+    return _made(info, "skin")
 
 
 @cache
@@ -146,20 +67,21 @@ def discs() -> gpu.types.GPUShader:
     info.vertex_in(0, "VEC4", "corner")
     info.vertex_in(1, "VEC4", "full")
     info.vertex_in(2, "VEC3", "cold")
-    return _made(info, "hfx_discs", _DISC_VERTEX, _DISC_FRAGMENT)
+    return _made(info, "disc")
 
 
-def _made(
-    info: gpu.types.GPUShaderCreateInfo, name: str, vertex: str, fragment: str
-) -> gpu.types.GPUShader:
+def _made(info: gpu.types.GPUShaderCreateInfo, name: str) -> gpu.types.GPUShader:
+    """Shader of the files ``name.vert`` and ``name.frag`` beside this module."""
     import gpu
 
-    passed = gpu.types.GPUStageInterfaceInfo(name)
+    for constant, value in _CONSTANTS.items():
+        info.define(constant, value)
+    passed = gpu.types.GPUStageInterfaceInfo(f"hfx_{name}")
     passed.smooth("VEC4", "shade")
     info.vertex_out(passed)
     info.fragment_out(0, "VEC4", "seen")
-    info.vertex_source(vertex)
-    info.fragment_source(fragment)
+    info.vertex_source(Path(__file__).with_name(f"{name}.vert").read_text(encoding="utf-8"))
+    info.fragment_source(Path(__file__).with_name(f"{name}.frag").read_text(encoding="utf-8"))
     return gpu.shader.create_from_info(info)
 
 
