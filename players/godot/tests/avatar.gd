@@ -94,6 +94,8 @@ func _check_library(folder: String) -> void:
 	body.effects = HapticClip.from_bytes(FileAccess.get_file_as_bytes(library))
 	await _frames(2)
 	_is("a library without the volume", _values[0], 0.0)
+	var warnings := body._get_configuration_warnings()
+	_is("effects without skin are named", warnings.size() == 1 and "feel Heat:" in warnings[0], true)
 	volume.effect = "Ball"
 	body.trigger("Dot")
 	body.place("Dot", 90.0)

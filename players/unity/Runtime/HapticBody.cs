@@ -301,7 +301,19 @@ namespace Hfx.Haptics
                 core.Trigger(k, factor);
                 if (places.TryGetValue(all[k].Name, out place)) core.Place(k, place.x, place.y, place.z);
             }
+            WarnOfModels(all);
             return FindBones() ? "" : "no bone of the avatar has a known name. Known are those of the clip, VRM, Mixamo, Unreal and Rigify.";
+        }
+
+        /// <summary>Names effects of a library that the body of the clip has no skin for.</summary>
+        void WarnOfModels(Effect[] all)
+        {
+            if (core.EffectClip == core.Clip) return;
+            List<string> lost = new List<string>();
+            for (int k = 0; k < all.Length; k++)
+                if (core.GetWeights(k).Length == 0) lost.Add(all[k].Name);
+            if (lost.Count == 0) return;
+            Debug.LogWarning("The haptic body does not feel " + string.Join(", ", lost.ToArray()) + ": the scene of its clip has no effect of that modality.", this);
         }
 
         void KeepRestPose()

@@ -23,7 +23,7 @@ static class Bodies
 
     static int wrong;
 
-    public static int Play(string path)
+    public static int Play(string path, string conformance)
     {
         wrong = 0;
         HapticClipAsset asset = ScriptableObject.CreateInstance<HapticClipAsset>();
@@ -34,7 +34,7 @@ static class Bodies
         Settings(asset, path);
         Names(asset);
         Controllers(asset);
-        Library(asset, path);
+        Library(asset, path, conformance);
         Garbage(asset);
         return wrong;
     }
@@ -222,20 +222,27 @@ static class Bodies
     }
 
     /// <summary>Effects of another clip, felt by its names on the body and the devices of the first.</summary>
-    static void Library(HapticClipAsset asset, string path)
+    static void Library(HapticClipAsset asset, string path, string conformance)
     {
         HapticClipAsset library = ScriptableObject.CreateInstance<HapticClipAsset>();
         library.SetBytes(File.ReadAllBytes(path));
         HapticBody body = Body(asset, "root", "wrist.L");
+        Debug.messages.Clear();
         body.Trigger("Painted", 1.0f);
         Frame(body);
         float own = body.Values[0];
         body.EffectAsset = library;
         Frame(body);
+        Demand(Debug.messages.Count == 0, "nothing is missing");
         Demand(own > 0.0f && body.Values[0] == own && body.Core.EffectClip == library.Clip, "effects of a library, a trigger stays");
         Demand(body.Place("Painted", 0.0f, 50.0f) && !body.Place("Nothing", 90.0f), "painted areas are placed by name");
         Frame(body);
         Demand(body.Values[0] == 0.0f, "a painted area above the body is not felt");
+        string other = Path.Combine(Path.GetDirectoryName(Path.GetDirectoryName(conformance)), "behaviour", "library.hfxclip");
+        library.SetBytes(File.ReadAllBytes(other));
+        body.EffectAsset = library;
+        Frame(body);
+        Demand(Debug.messages.Count == 1 && Debug.messages[0].Contains("feel Dot, Ball, Numbers, Heat:"), "effects without skin are named");
         body.EffectAsset = null;
         Frame(body);
         Demand(body.Values[0] == 0.0f && body.EffectClip == asset.Clip, "its place stays, the effects are the clip's own again");

@@ -29,7 +29,7 @@ static class Conformance
         if (arguments.Length > 1) felt = Spatial.Walk(arguments[1], ref wrong);
         if (arguments.Length > 1) wrong += Behaviour.Feel(Path.Combine(arguments[0], "behaviour"));
         if (arguments.Length > 1) wrong += Creation.Play(Path.Combine(arguments[1], "walk.hfxclip"));
-        if (arguments.Length > 2) wrong += Bodies.Play(arguments[2]);
+        if (arguments.Length > 2) wrong += Bodies.Play(arguments[2], arguments[1] + Path.DirectorySeparatorChar);
         Console.WriteLine(paths.Length + " clips, " + compared + " values compared, " + damaged + " damaged ones refused, " + felt + " weights felt, " + wrong + " wrong");
         return wrong > 0 || compared == 0 || (arguments.Length > 1 && felt == 0) ? 1 : 0;
     }

@@ -600,6 +600,8 @@ class HapticBody {
     const size = core.calls.hfx_body_effects_bytes(clip.address, index, this.#effects);
     const memory = core.take(size, this);
     core.check(core.calls.hfx_body_open_effects(this.#at, clip.address, index, this.#effects, memory, size));
+    const unfelt = effects === clip ? [] : effects.effects.filter((_, k) => !this.weights(k).length).map((item) => item.name);
+    if (unfelt.length) console.warn(`The haptic body does not feel ${unfelt.join(", ")}: the scene of its clip has no effect of that modality.`);
     // A volume is felt where the game adds one.
     effects.effects.forEach((effect, k) => effect.isPainted || this.triggerEffect(k, 0));
   }

@@ -105,6 +105,9 @@ export async function judgeEffects(hfx, avatar, library, text) {
   const sphere = (x, y, z, radius) => [radius, 0, 0, x, 0, radius, 0, y, 0, 0, radius, z];
   const three = (x, y, z, radius) => ({ matrixWorld: { elements: [radius, 0, 0, 0, 0, radius, 0, 0, 0, 0, radius, 0, x, y, z, 1] } });
   let body = null;
+  const { warn } = console;
+  const warned = [];
+  console.warn = (message) => warned.push(message);
   const calls = {
     open: () => {
       body = new hfx.HapticBody(clip, { effects });
@@ -140,12 +143,16 @@ export async function judgeEffects(hfx, avatar, library, text) {
     if (!isRight) result.wrong.push(`effects, line ${number + 1}: ${line}: ${found}`);
   });
 
+  result.compared += 1;
+  if (!/ feel Heat: /.test(warned[0])) result.wrong.push(`effects: warned of ${warned}`);
+
   // Two libraries on one avatar: a body for each, and the stronger of both on an output.
   const both = [new hfx.HapticBody(clip, { effects }), new hfx.HapticBody(clip, { effects })];
   both.forEach((each) => each.setBones(sphere(0, 0, 0, 1)));
   both[0].trigger("Dot");
   both[1].trigger("Dot", 0.5);
   both.forEach((each) => each.evaluate(0.02));
+  console.warn = warn;
   const strongest = new hfx.XRHaptics({ inputSources: [] }, both).strongest("any").share;
   result.compared += 1;
   if (Math.abs(strongest - 5 / 65.535) > 1e-5) result.wrong.push(`two bodies: ${strongest}`);

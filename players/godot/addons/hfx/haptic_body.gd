@@ -92,6 +92,8 @@ func _get_configuration_warnings() -> PackedStringArray:
 	var fault := _open()
 	if fault == "":
 		fault = _missing_bones()
+	if fault == "":
+		fault = _missing_models()
 	if fault != "":
 		faults.append(fault)
 	if core == null:
@@ -212,6 +214,7 @@ func _is_open() -> bool:
 		_say(fault)
 		return false
 	_say(_missing_bones())
+	_say(_missing_models())
 	for change in ["skeleton_updated", "bone_list_changed", "rest_updated", "tree_exiting"]:
 		if skeleton.has_signal(change):
 			skeleton.connect(change, _keep_pose if change == "skeleton_updated" else _close)
@@ -295,6 +298,20 @@ func _missing_bones() -> String:
 	return (
 		"%d of %d bones that move skin are not in '%s' and follow their parents: %s."
 		% [missing.size(), moving, skeleton.name, shown]
+	)
+
+
+## A sentence about effects of a library that the body of the clip has no skin for.
+func _missing_models() -> String:
+	var missing := PackedStringArray()
+	for k in _effects.size():
+		if effects != null and _core.get_weights(k).is_empty():
+			missing.append(_effects[k].name)
+	if missing.is_empty():
+		return ""
+	return (
+		"The body does not feel %s: the scene of its clip has no effect of that modality."
+		% ", ".join(missing)
 	)
 
 
