@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 GROUP = "hfx"
 PAINTED_EFFECT = "hfx_painted_effect"
-"""ID property of a canvas: its painted effect."""
+"""ID property of a canvas, its mesh and shape keys: the painted effect."""
 
 _BRUSH_SPACINGS = 1.5
 _SMALLEST_BRUSH_M = 0.03
@@ -51,7 +51,8 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     painted = weights_of(effect)
     canvas = model_mesh.add_posed(context, body, model, f"{effect.name} Area")
     model_mesh.freeze_pose(context, canvas)
-    canvas[PAINTED_EFFECT] = effect
+    for owner in (canvas, canvas.data, canvas.data.shape_keys):
+        owner[PAINTED_EFFECT] = effect
     canvas.vertex_groups.active = canvas.vertex_groups.new(name=GROUP)
     canvas.data.use_mirror_x = False
     _write_group(canvas, painted)
@@ -169,6 +170,12 @@ def store_all_painted() -> None:
 def canvas_of(effect: bpy.types.Object) -> bpy.types.Object | None:
     """Canvas of an effect; None outside of painting."""
     return next((obj for obj in bpy.data.objects if obj.get(PAINTED_EFFECT) == effect), None)
+
+
+def is_stroke(depsgraph: bpy.types.Depsgraph) -> bool:
+    """Test for an update of canvases, meshes and shape keys alone, which changes no effect."""
+    updates = depsgraph.updates
+    return bool(updates) and all(PAINTED_EFFECT in update.id for update in updates)
 
 
 def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:

@@ -88,25 +88,25 @@ def _fitting_models(
     if no_surface is None and float(np.dot(areas, rigid)) >= 0.5 * float(np.sum(areas)):
         no_surface = f"{sum(rigid)} of its {len(rigid)} meshes are rigid pieces that hang on bones"
     models = [load_model(model_id) for model_id in model_ids()]
-    qualities: list[FitQuality] = []
     if no_surface is None:
         warping = retarget.warping(avatar, target, mapping, layer)
         warped_avatar = yield from within(warping, 0.0, 0.8)
-        fits = []
-        # The warp is shared, so each model takes a small part of the time.
-        for number, model in enumerate(models):
+        fits = {}
+        # The warp is shared, so each model takes a small part of the time. A fit can converge on
+        # the wrong limb (a mesh without arms, a cloak). A part that lies mostly elsewhere makes the
+        # whole surface unusable; a coarse model reveals it soonest.
+        for number, model in enumerate(sorted(models, key=len)):
             yield 0.8 + 0.2 * number / len(models)
-            fits.append(retarget.fit(model, warped_avatar))
-        qualities = [quality for _, quality in fits]
-        # A fit can converge on the wrong limb (a mesh without arms, a cloak). A part that lies
-        # mostly elsewhere makes the whole surface unusable.
-        if (lost := lost_part(qualities)) is not None:
+            fits[model.id] = retarget.fit(model, warped_avatar)
+            if (lost := lost_part([fits[model.id][1]])) is not None:
+                break
+        if lost is not None:
             no_surface = (
                 f"only {100 * lost.in_place:.0f} % of its "
                 f"{lost.part.replace('_', ' ')} is found on that part of '{name}'"
             )
     if no_surface is None:
-        fitted = tuple(model for model, _ in fits)
+        fitted, qualities = zip(*(fits[model.id] for model in models), strict=True)
         return Fit((), fitted, tuple(qualities), tuple(_fault_lines(qualities)))
     placed = retarget.fit_by_bones(models, avatar, target, mapping)
     return Fit((), tuple(placed), (), (_ONLY_BONES.format(reason=no_surface),), by_bones=True)

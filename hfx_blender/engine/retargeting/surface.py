@@ -16,6 +16,8 @@ from ..volume.mesh_distance import barycentric
 # Longest edge of cut triangles; the search compares triangle centres
 _LONGEST_EDGE_M: Final = 0.02
 _CANDIDATES: Final = 8
+# Added to radii, so that rounding leaves no triangle out
+_ROUNDING_M: Final = 1e-9
 # Smallest skin weight of a vertex or triangle in a region
 _SHARE: Final = 0.1
 # Smallest cosine between the normals of matched places
@@ -51,6 +53,8 @@ class TargetSurface:
         self.region: I64 = np.where(whole.max(axis=1) > 0.0, whole.argmax(axis=1), -1)
         self._pieces, self.parent, self._corners = cut_triangles(points[triangles])
         self.centres: F64 = self._pieces.mean(axis=1)  # (N, 3) of the cut triangles
+        ways = self._pieces - self.centres[:, None]
+        self._radii: F64 = np.linalg.norm(ways, axis=2).max(axis=1) + _ROUNDING_M  # (N,)
         parent = self.parent
         self._members = [np.flatnonzero(whole[parent, r] >= _SHARE) for r in range(shares.shape[1])]
         self._trees: list[Any] = [None] * len(self._members)
@@ -82,29 +86,40 @@ class TargetSurface:
                 continue
             if self._trees[region] is None:
                 self._trees[region] = cKDTree(self.centres[members])
-            # Nearest centres are candidates; exact distances choose among them.
+            # Nearest centres are candidates; exact distances choose among them. A triangle is no
+            # nearer than its centre less its radius, so that farther centres are left out unseen.
             tries = min(_CANDIDATES, len(members))
-            _, near = self._trees[region].query(points[queries], k=tries, workers=-1)
-            piece = members[np.reshape(near, (len(queries), tries))].ravel()
-            point = np.repeat(queries, tries)
-            bary = barycentric(points[point], self._pieces[piece])
-            at = np.einsum("nc,nci->ni", bary, self._pieces[piece])
-            inside = np.einsum("nc,nck->nk", bary, self._corners[piece])
-            corner = self.triangles[self.parent[piece]]
-            normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
-            distance = np.linalg.norm(at - points[point], axis=1)
-            cosine = np.einsum("ni,ni->n", normal, normals[point])
-            # Excludes the far side of thin parts, and places out of reach.
-            distance[(cosine < facing) | (distance > reach_m)] = np.inf
-            # Best candidate per query, kept if nearer than the places in earlier regions.
-            table = distance.reshape(len(queries), tries)
-            choice = table.argmin(axis=1)
-            row = np.arange(len(queries)) * tries + choice
-            is_better = table[np.arange(len(queries)), choice] < smallest[queries]
-            won, row = queries[is_better], row[is_better]
-            smallest[won] = distance[row]
-            triangle[won], weights[won] = self.parent[piece[row]], inside[row]
-            positions[won], normals_out[won] = at[row], normal[row]
+            farthest = min(reach_m, smallest[queries].max()) + self._radii[members].max()
+            off, near = self._trees[region].query(
+                points[queries], k=tries, distance_upper_bound=farthest, workers=-1
+            )
+            off, near = off.reshape(len(queries), tries), np.reshape(near, (len(queries), tries))
+            # The nearest centre first: its distance spares most of the others.
+            for columns in (slice(0, 1), slice(1, tries)):
+                row, column = np.nonzero(near[:, columns] < len(members))
+                piece = members[near[row, column + columns.start]]
+                least = off[row, column + columns.start] - self._radii[piece]
+                is_open = least < np.minimum(smallest[queries[row]], reach_m)
+                piece, point = piece[is_open], queries[row[is_open]]
+                bary = barycentric(points[point], self._pieces[piece])
+                at = np.einsum("nc,nci->ni", bary, self._pieces[piece])
+                inside = np.einsum("nc,nck->nk", bary, self._corners[piece])
+                corner = self.triangles[self.parent[piece]]
+                normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
+                distance = np.linalg.norm(at - points[point], axis=1)
+                cosine = np.einsum("ni,ni->n", normal, normals[point])
+                # Excludes the far side of thin parts, and places out of reach.
+                distance[(cosine < facing) | (distance > reach_m)] = np.inf
+                # Best candidate per query, kept if nearer than the places before.
+                table, number = np.full(off.shape, np.inf), np.zeros(off.shape, np.int64)
+                at_table = row[is_open], column[is_open]
+                table[at_table], number[at_table] = distance, np.arange(len(distance))
+                choice = np.arange(len(queries)), table.argmin(axis=1)
+                is_better = table[choice] < smallest[queries]
+                won, best = queries[is_better], number[choice][is_better]
+                smallest[won] = distance[best]
+                triangle[won], weights[won] = self.parent[piece[best]], inside[best]
+                positions[won], normals_out[won] = at[best], normal[best]
         normals_out /= np.maximum(np.linalg.norm(normals_out, axis=1, keepdims=True), 1e-12)
         return NearestSkin(np.isfinite(smallest), triangle, weights, positions, normals_out)
 

@@ -209,6 +209,8 @@ def barycentric(points: F64, corners: F64) -> F64:
     smallest = np.where((inside >= 0.0).all(axis=1) & ~is_flat, 0.0, np.inf)
     weights = inside.copy()
     # Outside of the triangle the nearest place is on an edge or corner: the clipped projection.
+    outside = np.flatnonzero(smallest)
+    points, corners, smallest = points[outside], corners[outside], smallest[outside]
     for start, end in ((0, 1), (1, 2), (2, 0)):
         edge = corners[:, end] - corners[:, start]
         along = np.einsum("ij,ij->i", points - corners[:, start], edge)
@@ -217,9 +219,10 @@ def barycentric(points: F64, corners: F64) -> F64:
         distance = np.linalg.norm(points - on_edge, axis=1)
         nearer = distance < smallest
         smallest[nearer] = distance[nearer]
-        weights[nearer] = 0.0
-        weights[nearer, start] = 1.0 - share[nearer]
-        weights[nearer, end] = share[nearer]
+        rows = outside[nearer]
+        weights[rows] = 0.0
+        weights[rows, start] = 1.0 - share[nearer]
+        weights[rows, end] = share[nearer]
     return weights
 
 

@@ -17,6 +17,7 @@ from bpy.app.handlers import persistent
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from idprop.types import IDPropertyGroup
 from mathutils import Vector
+from mathutils.bvhtree import BVHTree
 
 from ...authoring import painting
 from ...authoring.effects import effects
@@ -175,6 +176,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
     _is_running: ClassVar = False
     _shown = ""
     _brush: SceneBrush
+    _surface: BVHTree | None = None  # triangles of the canvas, None after Edit Mode
     _hidden: set[str]  # full names, to show objects after the mesh was deleted
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -201,7 +203,12 @@ class HFX_OT_paint_status(bpy.types.Operator):
                 bpy.ops.hfx.paint_end("EXEC_DEFAULT", True)  # True: an undo step
             return self._ended(context)
         if event.type == "MOUSEMOVE":
-            vertex = _vertex_under(context, canvas, event.mouse_x, event.mouse_y)
+            # Strokes do not move the surface: a ray cast on the canvas would build its tree anew.
+            if canvas.mode == "EDIT":
+                self._surface = None
+            elif self._surface is None:
+                self._surface = BVHTree.FromObject(canvas, context.evaluated_depsgraph_get())
+            vertex = self._vertex_under(context, canvas, event.mouse_x, event.mouse_y)
             if vertex is not None:
                 effect = canvas[painting.PAINTED_EFFECT]
                 self._brush.least = painting.spacing(canvas, effect, vertex)
@@ -213,6 +220,26 @@ class HFX_OT_paint_status(bpy.types.Operator):
             self._brush.fit(context, canvas, event)
         # All events pass on: strokes and navigation are Blender's.
         return {"PASS_THROUGH"}
+
+    def _vertex_under(
+        self, context: bpy.types.Context, canvas: bpy.types.Object, mouse_x: int, mouse_y: int
+    ) -> int | None:
+        """First vertex of the canvas's triangle under the mouse; None outside of the body and in
+        Edit Mode."""
+        for area in context.screen.areas:
+            if area.type != "VIEW_3D" or self._surface is None:
+                continue
+            region = framing.region_at(area, mouse_x, mouse_y)
+            if not framing.holds(region, mouse_x, mouse_y):
+                continue
+            origin, ray = framing.ray_at(region, mouse_x, mouse_y)
+            to_local = canvas.matrix_world.inverted_safe()
+            _, _, face, _ = self._surface.ray_cast(to_local @ origin, to_local.to_3x3() @ ray)
+            # Modifiers may add faces that the mesh itself lacks.
+            if face is None or face >= len(canvas.data.polygons):
+                return None
+            return int(canvas.data.polygons[face].vertices[0])
+        return None
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
         HFX_OT_paint_status._is_running = False
@@ -243,27 +270,6 @@ def _after_loading(*_: object) -> None:
     _before.clear()  # views of the file before
     HFX_OT_paint_status._is_running = False  # opening a file ends modal operators
     call_soon(_resume)
-
-
-def _vertex_under(
-    context: bpy.types.Context, canvas: bpy.types.Object, mouse_x: int, mouse_y: int
-) -> int | None:
-    """First vertex of the painted mesh's face under the mouse; None outside of the body."""
-    for area in context.screen.areas:
-        if area.type != "VIEW_3D":
-            continue
-        region = framing.region_at(area, mouse_x, mouse_y)
-        if not framing.holds(region, mouse_x, mouse_y):
-            continue
-        origin, ray = framing.ray_at(region, mouse_x, mouse_y)
-        to_local = canvas.matrix_world.inverted_safe()
-        evaluated = canvas.evaluated_get(context.evaluated_depsgraph_get())
-        hit, _, _, face = evaluated.ray_cast(to_local @ origin, to_local.to_3x3() @ ray)
-        # Modifiers may add faces that the mesh itself lacks.
-        if not hit or face >= len(canvas.data.polygons):
-            return None
-        return int(canvas.data.polygons[face].vertices[0])
-    return None
 
 
 def part_name(canvas: bpy.types.Object, vertex: int) -> str:

@@ -11,6 +11,7 @@ from typing import Any, Final
 import bpy
 from bpy.app.handlers import persistent
 
+from ...authoring import painting
 from ...blender.events import add_handlers, call_soon, redraw, remove_handlers, remove_timers
 from ...errors import HfxError
 from ...reading.stepped import stepping
@@ -108,8 +109,11 @@ class LiveHandlers:
             self.request_update()  # the description may have changed
 
     @persistent
-    def on_update(self, scene: bpy.types.Scene, *_: object) -> None:
-        """Send samples after an edit; during playback, check the description as well."""
+    def on_update(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+        """Send samples after an edit, but for strokes on a canvas; during playback, check the
+        description as well."""
+        if painting.is_stroke(depsgraph):
+            return
         # Asked first: sending samples may evaluate the scene, and an edit is not due to that.
         is_edit = not stepping.is_stepping()
         self.on_change(scene)

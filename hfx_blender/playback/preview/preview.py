@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 import bpy
 from bpy.app.handlers import persistent
 
+from ...authoring import painting
 from ...blender import events
 from ...blender.events import add_handlers, call_soon, remove_handlers, remove_timers
 from ...errors import HfxError
@@ -211,8 +212,9 @@ class ViewportPreview:
 
     @persistent
     def on_update(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-        """Invalidate after an edit, and schedule checks and recording; no effect while stepping."""
-        if stepping.is_stepping():
+        """Invalidate after an edit, and schedule checks and recording; no effect while stepping,
+        and after a stroke on a canvas."""
+        if stepping.is_stepping() or painting.is_stroke(depsgraph):
             return
         if self.is_describing:
             # Reading evaluates pending edits: an update here is an edit from just before. A timer
@@ -294,6 +296,8 @@ class ViewportPreview:
         if not bpy.context.screen.is_animation_playing:  # playback checks at intervals, in on_frame
             # Checks compare all effects: in large scenes, limit their share of the time.
             rest_s = _REST * self._check_duration_s if self._check_duration_s > _SHORT_S else 0.0
+            if bpy.context.mode == "PAINT_WEIGHT":
+                rest_s = max(rest_s, _RECORDED_S)
             left_s = self._checked_s + rest_s - time.perf_counter()
             if left_s > 0.0:
                 call_soon(self.schedule_check, left_s)

@@ -99,7 +99,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
                     row.prop(manager, "hfx_group_start", text="Start")
         if effects.effects_without_body(context.scene):
             draw_moving(context, layout, "GONE")
-        elif context.window_manager.hfx_preview and listed:
+        elif context.window_manager.hfx_preview and listed and context.mode == "OBJECT":
             draw_preview_state(context, layout)
         has_body = bool(effects.bodies_of(context.scene))
         if not has_body and active_armature(context) is None:

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
+from hfx_blender.authoring import painting
 from hfx_blender.authoring.effects import effects
 from hfx_blender.blender.events import is_waiting, remove_timers
 from hfx_blender.operators.shared import HfxOperator
@@ -133,6 +134,23 @@ def test_every_property_of_effects_and_bodies_is_told(only_told: None) -> None:
                 untold.append(prop.identifier)
     assert count > 90
     assert untold == []
+
+
+def test_a_stroke_on_the_canvas_is_no_change_of_an_effect(following: Any) -> None:
+    """The area of the effect stays until *Finish Painting*: nothing is evaluated or redrawn."""
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="pressure")
+    bpy.ops.hfx.paint_begin()
+    canvas = bpy.context.object
+    redraw()
+    preview.is_drawn = True
+    canvas.vertex_groups["hfx"].add([5], 0.75, "REPLACE")
+    canvas.data.update()
+    bpy.context.view_layer.update()
+    assert preview.is_drawn and not is_waiting(preview.check_scene)
+    canvas[painting.PAINTED_EFFECT].location.x += 1.0
+    bpy.context.view_layer.update()
+    assert not preview.is_drawn and is_waiting(preview.check_scene)
 
 
 def test_areas_and_lists_that_a_script_changes_are_told(only_told: None) -> None:

@@ -16,6 +16,7 @@ from retarget_variants import Variant
 from hfx_blender.engine.body.model import SkinWeights, load_avatar, load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.retargeting import retarget
+from hfx_blender.engine.retargeting import surface as surface_module
 from hfx_blender.engine.retargeting import target as retarget_target
 from hfx_blender.engine.retargeting.bone_regions import REGIONS, above
 from hfx_blender.engine.retargeting.surface import TargetSurface, cut_triangles
@@ -284,6 +285,30 @@ def test_nearest_places_keep_to_their_region_and_their_side_of_the_skin() -> Non
     )
     assert places.found.tolist() == [True, True, False]
     np.testing.assert_allclose(places.points[:2], [[0.4, 0.5, 0], [0.4, 0.5, 0.01]], atol=1e-12)
+
+
+def test_few_triangles_are_compared_for_a_nearest_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1 mm above a grid of 1 cm, the place is below the point; half the candidates are far off."""
+    x, y = np.meshgrid(np.arange(40) * 0.01, np.arange(40) * 0.01, indexing="ij")
+    grid = np.column_stack([x.ravel(), y.ravel(), np.zeros(1600)])
+    first = (np.arange(39)[:, None] * 40 + np.arange(39)).ravel()
+    corners = [(first, first + 40, first + 41), (first, first + 41, first + 1)]
+    triangles = np.concatenate([np.column_stack(columns) for columns in corners])
+    surface = TargetSurface(grid, triangles, np.ones((1600, 1)))
+    counts: list[int] = []
+    exact = surface_module.barycentric
+    monkeypatch.setattr(
+        surface_module, "barycentric", lambda p, c: counts.append(len(p)) or exact(p, c)
+    )
+    queries = np.random.default_rng(1).uniform((0.02, 0.02, 0.001), (0.37, 0.37, 0.001), (500, 3))
+    up = np.tile([0.0, 0.0, 1.0], (500, 1))
+    places = surface.nearest(queries, up, np.ones((500, 1)), 0.05)
+    np.testing.assert_allclose(places.points, queries * [1, 1, 0], atol=1e-12)
+    assert sum(counts) <= 5 * 500
+    # Beyond reach nothing is compared.
+    counts.clear()
+    far = surface.nearest(np.add(queries, [0, 0, 0.1]), up, np.ones((500, 1)), 0.05)
+    assert not far.found.any() and not sum(counts)
 
 
 def test_every_region_hangs_on_the_torso() -> None:

@@ -206,8 +206,12 @@ def model_of(obj: bpy.types.Object) -> tuple[Any, tuple[str, ...]]:
 
 def module(name: str) -> Any:
     """A module of the add-on, by the module's name within the add-on."""
-    package = bpy.types.HFX_OT_paint_begin.__module__.rpartition(".operators")[0]
-    return importlib.import_module(f"{package}.{name}")
+    return importlib.import_module(f"{package()}.{name}")
+
+
+def package() -> str:
+    """Name of the enabled add-on's package."""
+    return bpy.types.HFX_OT_paint_begin.__module__.rpartition(".operators")[0]
 
 
 def icon(h: Any, row: int, which: int) -> Iterator[float]:
