@@ -225,7 +225,7 @@ class Live:
         :meth:`describe`."""
         evaluation.forget()
         self.tracks.forget()
-        self.described = None
+        self.described, self.fault = None, ""
 
     def fail(self, text: str) -> None:
         """Stop all devices and store an error message for the panel."""

@@ -243,6 +243,8 @@ def test_an_error_of_ours_stops_and_is_told(log: Path, monkeypatch: pytest.Monke
     go(16)
     until(lambda: "stop" in rows(log)[-1])
     assert "ZeroDivisionError" in live.fault
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert live.fault == "", "of another file"
 
 
 def test_an_export_is_not_played(log: Path) -> None:
