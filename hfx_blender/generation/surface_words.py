@@ -85,10 +85,7 @@ SMALL_WORDS: Final = frozenset(_VOCABULARY["small_words"])
 SURFACE_TURNS: Final = {"covered", "coated", "wrapped", "upholstered", "clad", "draped", "lined"}
 """Words before the material of the upper layer: a table covered with linen."""
 
-ASIDES: Final = {
-    "like", "than", "under", "beside", "near", "behind", "against", "resembling", "between",
-    "among",
-}  # fmt: skip
+ASIDES: Final = frozenset(_VOCABULARY["asides"])
 """Words before a material of a comparison, or of a nearby object."""
 
 QUALITIES: Final = {
@@ -104,12 +101,7 @@ _LEAST_GUESSED: Final = 7
 """Least length of a word with a wrong letter; a shorter word may be a different word (steep)."""
 
 _ALIKE: Final = 0.85
-_ENDINGS: Final = (
-    ("ies", "y"), ("ves", "f"), ("es", ""), ("s", ""), ("ier", "y"), ("iest", "y"),
-    ("est", "e"), ("est", ""), ("er", "e"), ("er", ""), ("ing", "e"), ("ing", ""), ("ed", "e"),
-    ("ed", ""), ("ily", "y"), ("ly", ""), ("ness", ""), ("ish", ""), ("ish", "e"), ("y", ""),
-    ("y", "e"), ("en", ""), ("en", "e"), ("iness", "y"), ("like", ""), ("less", ""),
-)  # fmt: skip
+_ENDINGS: Final = tuple(map(tuple, _VOCABULARY["endings"]))
 
 
 def tokens(text: str) -> list[str]:

@@ -7,9 +7,11 @@ Joints are found by name (:mod:`.assignment`), otherwise by the shape of the hie
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -30,28 +32,10 @@ _SIDE_NAMES: Final = {"L": "left", "R": "right"}
 _SIDES: Final = (".L", ".R")
 
 # The first row whose names are all present (lower case, without namespace) decides.
-_SIGNATURES: Final = (
-    ("makehuman default", ("upperarm01.l", "metacarpal1.l", "spine05")),
-    ("makehuman default", ("upperarm01_l", "metacarpal1_l", "spine05")),
-    ("rigify", ("def-upper_arm.l",)),
-    ("rigify", ("upper_arm.l", "forearm.l", "shin.l", "spine.001")),
-    ("vrm", ("j_bip_c_hips",)),
-    ("auto-rig pro", ("arm_stretch.l", "thigh_stretch.l")),
-    ("mmd", ("上半身", "下半身")),
-    ("mmd", ("upper body", "lower body")),
-    ("xsens", ("pelvis", "l5", "t8", "leftupperleg")),
-    ("smpl", ("pelvis", "l_hip", "l_collar", "spine3")),
-    ("second life", ("mpelvis", "mtorso", "mhipleft")),
-    ("cmu", ("lhipjoint", "leftupleg")),
-    ("mixamo", ("hips", "leftupleg", "leftforearm", "lefttoebase")),
-    ("mixamo", ("hips", "leftupleg", "leftforearm", "spine1")),
-    ("vrm", ("hips", "leftupperarm", "leftlowerleg")),
-    ("daz", ("lshldrbend",)),
-    ("daz", ("lshldr", "lforearm")),
-    ("daz", ("l_upperarm", "l_forearm", "l_shin")),
-    ("game engine", ("upperarm_l", "calf_l", "spine_01", "root", "~game engine")),
-    ("unreal", ("upperarm_l", "calf_l", "spine_01")),
-)
+with Path(__file__).with_name("signatures.csv").open(encoding="utf-8", newline="") as _file:
+    _SIGNATURES: Final = [
+        (row["convention"], row["bones"].split(", ")) for row in csv.DictReader(_file)
+    ]
 _PREFIXES: Final = (
     ("mixamo", "mixamorig"),
     ("biped", "valvebiped.bip"),
