@@ -124,6 +124,10 @@ def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
     return set_all
 
 
+def _is_open(row: HfxEffectRow) -> bool:
+    return row.group in _open  # in a lambda of an annotation, Blender does not know the name
+
+
 def _set_open(row: HfxEffectRow, value: bool) -> None:
     (_open.add if value else _open.discard)(row.group)
 
@@ -182,7 +186,7 @@ class HfxEffectRow(bpy.types.PropertyGroup):
     is_open: BoolProperty(
         name="Open",
         description="Show the effects of the group",
-        get=lambda row: row.group in _open,
+        get=_is_open,
         set=_set_open,
     )
     is_muted: BoolProperty(

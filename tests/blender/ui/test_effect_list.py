@@ -46,6 +46,7 @@ def test_the_row_of_a_group_mutes_and_selects_all_of_it(scene: Any) -> None:
     assert bpy.context.selected_objects == storm and bpy.context.object == storm[0]
     assert manager.hfx_row == 0, "the active effect is in a closed group: its row"
     manager.hfx_rows[0].is_open = True
+    assert manager.hfx_rows[0].is_open and all(map(list_rows.is_shown, manager.hfx_rows))
     assert manager.hfx_row == 1
     manager.hfx_row = 3
     assert bpy.context.selected_objects == [alone] == [bpy.context.object]

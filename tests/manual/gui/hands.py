@@ -115,6 +115,9 @@ def fill_part(h: Any, entry: tuple[int, int], shot: str = "") -> Iterator[float]
     parts = yield from h.menu_rows()
     yield from h.click(*in_columns(parts, entry))
     yield 0.8
+    yield from h.press_button("HFX_OT_paint_end")
+    yield from h.until(lambda: bpy.context.mode == "OBJECT", "painting has ended", 60)
+    yield 0.8
 
 
 def in_columns(places: list[tuple[float, float]], entry: tuple[int, int]) -> tuple[float, float]:
@@ -167,9 +170,6 @@ def enter_several(
     yield from h.text(value)
     yield from h.key("Return")
     yield 0.5
-    yield from h.press_button("HFX_OT_paint_end")
-    yield from h.until(lambda: bpy.context.mode == "OBJECT", "painting has ended", 60)
-    yield 0.8
 
 
 def effect(modality: str) -> bpy.types.Object:
