@@ -151,37 +151,65 @@ static inline void hfx_turn_back(const hfx_turn *turn, const float *place, float
   found[turn->up] = (float)(turn->middle_m + up);
 }
 
-/* Lists the chunks of a model with vertices within twice a reach of a box, at rest. */
+/* Grows a box, of which `at[0]` to `at[2]` are the lowest and the rest the highest corner. */
+static inline void hfx_grow_box(float *at, const hfx_rest *chunk, int i) {
+  const float place[3] = {chunk->x[i], chunk->y[i], chunk->z[i]};
+  int c;
+  for (c = 0; c < 3; c++) {
+    if (i == 0 || place[c] < at[c]) at[c] = place[c];
+    if (i == 0 || place[c] > at[3 + c]) at[3 + c] = place[c];
+  }
+}
+
+/* Square of the distance of a place from a box. */
+static inline float hfx_box_distance(const float *at, const float *place) {
+  float sum = 0.0f;
+  int c;
+  for (c = 0; c < 3; c++) {
+    const float below = at[c] - place[c], above = place[c] - at[3 + c];
+    const float away = below > 0.0f ? below : above > 0.0f ? above : 0.0f;
+    sum += away * away;
+  }
+  return sum;
+}
+
+/* Lists the chunks of a model with vertices within twice a reach of a box, at rest, and the box of
+ * each in its `away_m`. */
 static inline uint32_t hfx_list_near(hfx_body *self, const hfx_rest *rest, uint32_t chunks,
                                      const double *low, const double *high, double reach_m) {
   uint32_t k, count = 0;
   for (k = 0; k < chunks; k++) {
     int i, is_near = 0;
-    for (i = 0; i < HFX_CHUNK; i++)
+    for (i = 0; i < HFX_CHUNK; i++) {
+      hfx_grow_box(self->near[count].away_m, rest + k, i);
       is_near |= hfx_is_within(rest[k].x[i], low[0] - 2.0 * reach_m, high[0] + 2.0 * reach_m) &&
                  hfx_is_within(rest[k].y[i], low[1] - 2.0 * reach_m, high[1] + 2.0 * reach_m) &&
                  hfx_is_within(rest[k].z[i], low[2] - 2.0 * reach_m, high[2] + 2.0 * reach_m);
+    }
     if (is_near) self->near[count++].chunk = k;
   }
   return count;
 }
 
-/* Weight of the vertex of the listed chunks that is nearest to a place; 0: none is within reach. */
+/* Weight of the vertex of the listed chunks that is nearest to a place; 0: none is within reach.
+ * `start`: chunk of the list where the search begins, and the one that was found. */
 static inline float hfx_nearest_weight(const hfx_body *self, const hfx_rest *rest, uint32_t count,
-                                       const float *place, double reach_m) {
+                                       const float *place, double reach_m, uint32_t *start) {
   float least = (float)(reach_m * reach_m), weight = 0.0f, away[HFX_CHUNK];
-  uint32_t n;
+  uint32_t k, n = *start;
   int i;
-  for (n = 0; n < count; n++) {
+  for (k = 0; k < count; k++, n = n + 1 < count ? n + 1 : 0) {
     const hfx_rest *chunk = rest + self->near[n].chunk;
     const float *weights = self->scratch + HFX_CHUNK * (size_t)self->near[n].chunk;
+    if (hfx_box_distance(self->near[n].away_m, place) > least) continue;
     for (i = 0; i < HFX_CHUNK; i++) {
       const float x = chunk->x[i] - place[0], y = chunk->y[i] - place[1];
       const float z = chunk->z[i] - place[2];
       away[i] = x * x + y * y + z * z;
     }
     for (i = 0; i < HFX_CHUNK; i++)
-      if (away[i] < least && weights[i] != HFX_NO_PAINT) least = away[i], weight = weights[i];
+      if (away[i] < least && weights[i] != HFX_NO_PAINT)
+        least = away[i], weight = weights[i], *start = n;
   }
   return weight;
 }
@@ -193,7 +221,7 @@ static inline void hfx_paint(hfx_body *self, hfx_felt *felt, double turn_degrees
   const int is_placed = turn_degrees != 0.0 || raise_m != 0.0 || stretch != 1.0;
   const hfx_rest *rest = self->rest + felt->first_chunk;
   double low[3] = {0, 0, 0}, high[3] = {0, 0, 0};
-  uint32_t k, listed = 0;
+  uint32_t k, listed = 0, start = 0;
   hfx_turn turn;
   int c, is_moved, is_any = 0;
   if (!count) return; /* of a model that the body does not have */
@@ -226,7 +254,7 @@ static inline void hfx_paint(hfx_body *self, hfx_felt *felt, double turn_degrees
       hfx_turn_back(&turn, place, from);
       for (c = 0; c < 3; c++)
         if (!hfx_is_within(from[c], low[c] - turn.reach_m, high[c] + turn.reach_m)) is_near = 0;
-      weight = is_near ? hfx_nearest_weight(self, rest, listed, from, turn.reach_m) : 0.0f;
+      weight = is_near ? hfx_nearest_weight(self, rest, listed, from, turn.reach_m, &start) : 0.0f;
     }
     felt->weights[k] = weight;
     if (weight > felt->peaks[k / HFX_CHUNK]) felt->peaks[k / HFX_CHUNK] = weight;

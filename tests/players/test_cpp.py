@@ -64,6 +64,17 @@ int main(int, char **arguments) {
               player.clip().surfaces()[1].name);
   stroke.feel(0.5, 0.9, 0.01);
   std::printf(" %.6f %.6f\\n", stroke.amplitude_m_s2(), stroke.frequency_hz());
+  hfx::Body library(hfx::Clip(player.clip()), 0, hfx::Clip(player.clip()));
+  const bool is_placed = library.place(4, 90.0, 50.0), is_volume = library.place(0, 90.0);
+  library.set_bones(rest, 24);
+  for (unsigned k = 0; k < 4; k++) library.trigger(k, 0.0);
+  std::printf("%d %d %d", is_placed, is_volume, library.trigger(4, 1.0));
+  print("", library.evaluate(0.02));
+  library.place(4, 0.0);
+  print("library", library.evaluate(0.02));
+  player.pause(false);
+  player.place(90.0, 0.0, 2.0);
+  print("placed", player.advance(0.25));
   const hfx::Clip none;
   hfx::Body silent(none);
   std::printf("%s %d\\n", none.error_text(), hfx::Player(none).play("part"));
@@ -150,6 +161,20 @@ def test_the_wrapper_gives_the_values_of_the_core(tmp_path: Path) -> None:
     # From the first of six rows to the last: the highest intensity of all, up to 4 m/s^2.
     texels = clip_rules.read(clip.read_bytes(), clip.name)["TEXL"][20:]
     expected += [f"0 1 Edge {4.0 * (texels >> 8).max() / (2**24 - 1):.6f} 50.000000"]
+    # The painted area leaves the body and comes back; one actuator has no other to take from.
+    painted = Body(content, 0, Clip(clip.read_bytes()))
+    painted.set_bones(np.tile(np.eye(4)[:3], (2, 1, 1)))
+    for effect in range(4):
+        painted.trigger(effect, 0.0)
+    painted.trigger(4, 1.0)
+    felt = painted.evaluate(0.02)
+    assert felt[0] > 0.0
+    expected += ["1 0 1 0.000000 61.000000", f"library {listed(felt)}"]
+    player.play()
+    player.advance(0.25)
+    player.silence()
+    player.pause(0)
+    expected += [f"placed {listed(player.advance(0.25))}"]
     assert lines[: len(expected)] == expected
     assert lines[len(expected)].endswith(" 0") and lines[len(expected) + 1 :] == ["none"]
 

@@ -107,11 +107,16 @@ def module(library_folder: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return created
 
 
-def test_the_library_plays_the_behaviour_script(module: ModuleType) -> None:
-    content = (BEHAVIOUR / "behaviour.hfxclip").read_bytes()
+@pytest.mark.parametrize(
+    ("script", "name", "least"), [("behaviour", "behaviour", 70), ("placed", "ring", 40)]
+)
+def test_the_library_plays_the_behaviour_scripts(
+    module: ModuleType, script: str, name: str, least: int
+) -> None:
+    content = (BEHAVIOUR / f"{name}.hfxclip").read_bytes()
     player, checks = module.Player(content), 0
-    slack = [2.0 * full / 65535.0 + 1e-6 for full in (65.535, 65.535, 20.0)]
-    for line in (BEHAVIOUR / "behaviour.txt").read_text().splitlines():
+    slack = [2.0 * (of[4] - of[3]) / 65535.0 + 1e-5 for of in player.columns()]
+    for line in (BEHAVIOUR / f"{script}.txt").read_text().splitlines():
         call, _, expected = (part.strip() for part in line.partition("="))
         word, _, argument = call.partition(" ")
         if not line or line[0] == "#" or word == "devices":
@@ -137,8 +142,8 @@ def test_the_library_plays_the_behaviour_script(module: ModuleType) -> None:
         elif word in ("loop", "pause"):
             getattr(player, word)(argument == "1")
         else:
-            getattr(player, word)(*([float(argument)] if argument else []))
-    assert checks > 70
+            getattr(player, word)(*map(float, argument.split()))
+    assert checks >= least
     player.close()
 
 

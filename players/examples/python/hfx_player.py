@@ -148,6 +148,11 @@ class Player:
         """Scale all strengths: 0 is silence, 1 as made."""
         self._core.hfx_live_player_gain(self._self, ctypes.c_double(gain))
 
+    def place(self, turn_degrees: float, raise_m: float = 0.0, stretch: float = 1.0) -> None:
+        """Turn all to the left about the body, raise it by metres, and multiply heights."""
+        numbers = map(ctypes.c_double, (turn_degrees, raise_m, stretch))
+        self._core.hfx_live_player_place(self._self, *numbers)
+
     def set_parameter(self, parameter: str, factor: float) -> bool:
         """Scale one parameter, say ``amplitude_m_s2``; False if no column has this name."""
         given = ctypes.c_double(factor)

@@ -37,6 +37,7 @@ extern "C" {
     fn hfx_live_player_seek(player: *mut c_void, seconds: f64) -> i32;
     fn hfx_live_player_loop(player: *mut c_void, loops: i32) -> i32;
     fn hfx_live_player_gain(player: *mut c_void, gain: f64) -> i32;
+    fn hfx_live_player_place(player: *mut c_void, turn: f64, raise: f64, stretch: f64) -> i32;
     fn hfx_live_player_set_parameter(player: *mut c_void, name: *const c_char, factor: f64) -> i32;
     fn hfx_live_player_is_playing(player: *const c_void) -> i32;
     fn hfx_live_player_position(player: *const c_void) -> f64;
@@ -207,6 +208,11 @@ impl Player {
     /// Scales all strengths: 0 is silence, 1 as made.
     pub fn set_gain(&mut self, gain: f64) {
         unsafe { hfx_live_player_gain(self.player.as_ptr(), gain) };
+    }
+
+    /// Turns all to the left about the body by degrees, raises it by metres, and multiplies heights; 0, 0, 1: as made.
+    pub fn place(&mut self, turn_degrees: f64, raise_m: f64, stretch: f64) {
+        unsafe { hfx_live_player_place(self.player.as_ptr(), turn_degrees, raise_m, stretch) };
     }
 
     /// Scales one parameter, say `amplitude_m_s2`; an error if no column has this name.
