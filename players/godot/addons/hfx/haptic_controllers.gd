@@ -80,9 +80,9 @@ func _play(values: PackedFloat32Array, source: HapticSource) -> void:
 	_felt[source][2] = values
 	_pulse("left", left)
 	_pulse("right", right)
-	_shake_gamepad()
+	_vibrate_gamepad()
 	if vibrates_phone:
-		_shake_phone()
+		_vibrate_phone()
 
 
 func _pulse(side: String, controller: XRController3D) -> void:
@@ -96,7 +96,7 @@ func _pulse(side: String, controller: XRController3D) -> void:
 	_set_on(side, pulse.share > 0.0)
 
 
-func _shake_gamepad() -> void:
+func _vibrate_gamepad() -> void:
 	if gamepad < 0 or not is_inside_tree() or get_viewport().use_xr:
 		return
 	var strong := _strongest(["left", ""])
@@ -110,7 +110,7 @@ func _shake_gamepad() -> void:
 	_set_on("gamepad", is_on)
 
 
-func _shake_phone() -> void:
+func _vibrate_phone() -> void:
 	var pulse := _strongest(["left", "right", ""])
 	var now := Time.get_ticks_msec()
 	if pulse.share <= 0.0 or now - _phone_ms < 1000 * _PHONE_S:
