@@ -7,7 +7,8 @@ import json
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import EnumProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
+from mathutils.bvhtree import BVHTree
 
 from ...authoring import painting
 from ...authoring.effects import effects
@@ -143,15 +144,72 @@ class HFX_OT_fill_part(_PaintedOperator):
             ("right", "Right", "The person's right, and the middle"),
         ],
     )
+    is_cleared: BoolProperty(
+        name="Clear", description="Remove the part from the area", options={"SKIP_SAVE"}
+    )
+    is_under_mouse: BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Of the tool: the part and side under the mouse, both sides with *Paint Both Sides*."""
+        if self.is_under_mouse:
+            canvas = painting.canvas_of(painted_effect(context))
+            if canvas is None:
+                return {"PASS_THROUGH"}
+            tree = BVHTree.FromObject(canvas, context.evaluated_depsgraph_get())
+            vertex = paint_view.vertex_under(context, canvas, tree, event)
+            if vertex is None:
+                return {"CANCELLED"}
+            self.choose(vertex, canvas.data.use_mirror_x)
+        return self.execute(context)
+
+    def choose(self, vertex: int, is_mirrored: bool) -> None:
+        """Set part and side from a vertex of the model."""
+        from ...engine.body.regions import region_at
+
+        model = _model(painted_effect(bpy.context))
+        side = SIDES[model.side[vertex]]
+        self.part = region_at(model, vertex).id
+        self.side = "both" if is_mirrored or side == "centre" else side
 
     def work(self, context: bpy.types.Context) -> str:
+        import numpy as np
+
+        from ...engine.body import areas
+
         effect = painted_effect(context)
-        if self.part.startswith(_SAVED):
-            count = painting.add_saved(effect, self.part.removeprefix(_SAVED))
-        else:
-            parts = () if self.part == "all" else (self.part,)
-            count = painting.fill_parts(effect, parts, self.side)
+        before = painting.weights_of(effect)
+        if self.is_cleared:  # the part alone is filled, then subtracted
+            painting.set_weights(effect, np.zeros(len(before)))
+        count = self._fill(effect)
+        if self.is_cleared:
+            rest = areas.blended(before, painting.weights_of(effect), "subtract")
+            count = painting.set_weights(effect, rest)
         return _covers(effect, count)
+
+    def _fill(self, effect: bpy.types.Object) -> int:
+        """Add the part to the area; returns the vertex count of the area."""
+        if self.part.startswith(_SAVED):
+            return painting.add_saved(effect, self.part.removeprefix(_SAVED))
+        parts = () if self.part == "all" else (self.part,)
+        return painting.fill_parts(effect, parts, self.side)
+
+
+class FillPartTool(bpy.types.WorkSpaceTool):
+    bl_space_type = "VIEW_3D"
+    bl_context_mode = "PAINT_WEIGHT"
+    bl_idname = "hfx.fill_part_tool"
+    bl_label = "Fill Body Part"
+    bl_description = "Click a body part to fill the part, Ctrl to clear"
+    bl_icon = "ops.paint.weight_fill"
+    bl_cursor = "PAINT_BRUSH"
+    bl_keymap = tuple(
+        (
+            "hfx.fill_part",
+            {"type": "LEFTMOUSE", "value": "PRESS", "ctrl": is_cleared},
+            {"properties": [("is_under_mouse", True), ("is_cleared", is_cleared)]},
+        )
+        for is_cleared in (False, True)
+    )
 
 
 class HFX_OT_add_on_part(OnBodyOperator):
@@ -400,3 +458,11 @@ class HFX_OT_effect_mirrored(_PaintedOperator):
         copy = effects.duplicate(effect)
         painting.set_weights(copy, areas.mirrored(_model(effect), painting.weights_of(effect)))
         return f"Added '{copy.name}'"
+
+
+def register() -> None:
+    bpy.utils.register_tool(FillPartTool, separator=True)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_tool(FillPartTool)

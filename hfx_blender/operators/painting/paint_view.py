@@ -19,7 +19,7 @@ from idprop.types import IDPropertyGroup
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
-from ...authoring import painting
+from ...authoring import painting, volumes
 from ...authoring.effects import effects
 from ...blender import compat
 from ...blender.events import add_handlers, call_soon, remove_handlers
@@ -39,8 +39,15 @@ _OPACITY = 0.45
 
 _LEAST_PIXELS, _MOST_PIXELS = 4.0, 500.0
 
+_UNPAINTED = (0.3, 0.3, 0.35, 1.0)
+"""Colour of weight 0."""
+
 _before: dict[int, tuple[list[dict[str, Any]], float]] = {}
 """Views and opacity before painting, by the viewport's pointer; for as long as Blender runs."""
+
+
+_own_range: list[tuple[float, tuple[float, ...]]] = []
+"""Positions and colours of the weight range in the preferences before painting; empty outside."""
 
 
 def hide_others(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
@@ -92,6 +99,8 @@ def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
     overlay = area.spaces.active.overlay
     _before[area.as_pointer()] = framing.state(area), overlay.weight_paint_mode_opacity
     overlay.weight_paint_mode_opacity = _OPACITY
+    effect = canvas[painting.PAINTED_EFFECT]
+    set_weight_colours(volumes.effect_colour(effect.hfx, context.scene.hfx.palette))
     framing.frame(context, [canvas])
 
 
@@ -105,6 +114,28 @@ def leave() -> None:
                 framing.restore(area, view[0])
                 area.spaces.active.overlay.weight_paint_mode_opacity = view[1]
     _before.clear()
+    set_weight_colours(None)
+
+
+def set_weight_colours(colour: tuple[float, ...] | None) -> None:
+    """Show weights from grey to an RGBA colour; None: as before. The colours are preferences of
+    Blender, which stay unsaved; a weight range that the user has switched on is kept."""
+    preferences = bpy.context.preferences
+    view, is_dirty = preferences.view, preferences.is_dirty
+    if (colour is None) != bool(_own_range) or (colour and view.use_weight_color_range):
+        return
+    elements = view.weight_color_range.elements
+    saved = [(element.position, tuple(element.color)) for element in elements]
+    shown = _own_range.copy() if colour is None else [(0.0, _UNPAINTED), (1.0, colour)]
+    _own_range[:] = [] if colour is None else saved
+    while len(elements) > 1:
+        elements.remove(elements[-1])
+    elements[0].position, elements[0].color = shown[0]
+    for position, tint in shown[1:]:
+        elements.new(position).color = tint
+    # Last: only the switch updates the colours of the viewport.
+    view.use_weight_color_range = colour is not None
+    preferences.is_dirty = is_dirty
 
 
 class SceneBrush:
@@ -208,7 +239,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
                 self._surface = None
             elif self._surface is None:
                 self._surface = BVHTree.FromObject(canvas, context.evaluated_depsgraph_get())
-            vertex = self._vertex_under(context, canvas, event.mouse_x, event.mouse_y)
+            vertex = vertex_under(context, canvas, self._surface, event)
             if vertex is not None:
                 effect = canvas[painting.PAINTED_EFFECT]
                 self._brush.least = painting.spacing(canvas, effect, vertex)
@@ -220,26 +251,6 @@ class HFX_OT_paint_status(bpy.types.Operator):
             self._brush.fit(context, canvas, event)
         # All events pass on: strokes and navigation are Blender's.
         return {"PASS_THROUGH"}
-
-    def _vertex_under(
-        self, context: bpy.types.Context, canvas: bpy.types.Object, mouse_x: int, mouse_y: int
-    ) -> int | None:
-        """First vertex of the canvas's triangle under the mouse; None outside of the body and in
-        Edit Mode."""
-        for area in context.screen.areas:
-            if area.type != "VIEW_3D" or self._surface is None:
-                continue
-            region = framing.region_at(area, mouse_x, mouse_y)
-            if not framing.holds(region, mouse_x, mouse_y):
-                continue
-            origin, ray = framing.ray_at(region, mouse_x, mouse_y)
-            to_local = canvas.matrix_world.inverted_safe()
-            _, _, face, _ = self._surface.ray_cast(to_local @ origin, to_local.to_3x3() @ ray)
-            # Modifiers may add faces that the mesh itself lacks.
-            if face is None or face >= len(canvas.data.polygons):
-                return None
-            return int(canvas.data.polygons[face].vertices[0])
-        return None
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
         HFX_OT_paint_status._is_running = False
@@ -268,8 +279,33 @@ def _after_undo(*_: object) -> None:
 @persistent
 def _after_loading(*_: object) -> None:
     _before.clear()  # views of the file before
+    set_weight_colours(None)
     HFX_OT_paint_status._is_running = False  # opening a file ends modal operators
     call_soon(_resume)
+
+
+def vertex_under(
+    context: bpy.types.Context,
+    canvas: bpy.types.Object,
+    surface: BVHTree | None,
+    event: bpy.types.Event,
+) -> int | None:
+    """First vertex of the canvas's triangle under the mouse, by the tree of the canvas; None
+    outside of the body and without a tree."""
+    for area in context.screen.areas:
+        if area.type != "VIEW_3D" or surface is None:
+            continue
+        region = framing.region_at(area, event.mouse_x, event.mouse_y)
+        if not framing.holds(region, event.mouse_x, event.mouse_y):
+            continue
+        origin, ray = framing.ray_at(region, event.mouse_x, event.mouse_y)
+        to_local = canvas.matrix_world.inverted_safe()
+        _, _, face, _ = surface.ray_cast(to_local @ origin, to_local.to_3x3() @ ray)
+        # Modifiers may add faces that the mesh itself lacks.
+        if face is None or face >= len(canvas.data.polygons):
+            return None
+        return int(canvas.data.polygons[face].vertices[0])
+    return None
 
 
 def part_name(canvas: bpy.types.Object, vertex: int) -> str:
@@ -294,4 +330,5 @@ def register() -> None:
 
 
 def unregister() -> None:
+    set_weight_colours(None)
     remove_handlers(_HANDLERS)

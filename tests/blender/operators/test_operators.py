@@ -20,6 +20,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.operators import framing
+from hfx_blender.operators.painting import paint_view
 from hfx_blender.reading.description.activation import ActivationSource, activation_of
 
 FPS = 60
@@ -388,6 +389,47 @@ def test_clips_of_the_painted_effect_stay_in_the_nla_editor(body: Any) -> None:
     assert effect.visible_get() and other.visible_get() and not volume.visible_get()
     bpy.ops.hfx.paint_end()
     assert volume.visible_get() and bpy.context.selected_objects == [effect]
+
+
+def test_painting_shows_weights_in_the_colour_of_the_effect() -> None:
+    """The weight range is a preference of Blender: it returns, unsaved, and one in use is kept."""
+    preferences = bpy.context.preferences
+    view = preferences.view
+
+    def shown() -> tuple[bool, list[tuple[float, ...]]]:
+        elements = view.weight_color_range.elements
+        return view.use_weight_color_range, [(e.position, *e.color) for e in elements]
+
+    before, preferences.is_dirty = shown(), False
+    paint_view.set_weight_colours((0.0, 1.0, 0.0, 1.0))
+    is_used, colours = shown()
+    assert is_used and colours[-1] == (1.0, 0.0, 1.0, 0.0, 1.0) and len(colours) == 2
+    paint_view.set_weight_colours((1.0, 0.0, 0.0, 1.0))  # another viewport
+    paint_view.set_weight_colours(None)
+    assert shown() == before and not preferences.is_dirty
+    view.use_weight_color_range = True
+    try:
+        paint_view.set_weight_colours((0.0, 1.0, 0.0, 1.0))
+        assert shown() == (True, before[1])
+    finally:
+        view.use_weight_color_range = False
+
+
+def test_the_fill_tool_fills_and_clears_the_part_of_a_vertex(body: Any) -> None:
+    """A vertex in the left palm fills the left palm; both palms with Paint Both Sides."""
+    effect, model = painted(), load_model("hfx-pressure-1")
+    palms = model.part == PARTS.index("hand_palm")
+    left, right = (palms & (model.side == SIDES.index(side)) for side in ("left", "right"))
+    operator = SimpleNamespace()
+    choose = bpy.types.HFX_OT_fill_part.choose
+    choose(operator, int(np.flatnonzero(left)[0]), False)
+    bpy.ops.hfx.fill_part(part=operator.part, side=operator.side)
+    assert set(effects.area(effect)[0]) == set(np.flatnonzero(left).tolist())
+    choose(operator, int(np.flatnonzero(right)[0]), True)
+    bpy.ops.hfx.fill_part(part=operator.part, side=operator.side)
+    assert set(effects.area(effect)[0]) == set(np.flatnonzero(left | right).tolist())
+    bpy.ops.hfx.fill_part(part=operator.part, side="left", is_cleared=True)
+    assert set(effects.area(effect)[0]) == set(np.flatnonzero(right).tolist())
 
 
 def test_a_view_turned_while_painting_stays() -> None:
