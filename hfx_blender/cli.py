@@ -40,7 +40,7 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     """Build the parser of all commands available in this installation."""
-    from .commands import convert, device, doctor, export, info, play, sound, texture, validate
+    from .commands import convert, device, doctor, export, info, play, sound, validate
 
     parser = _Parser(
         prog=prog,
@@ -50,7 +50,7 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"hfx {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    demo, body, bench = map(left_out.module, ("demo", "body", "bench"))
+    demo, body, texture, bench = map(left_out.module, ("demo", "body", "texture", "bench"))
     for module in (
         *(demo, export, sound, info, validate, convert, play),
         *(body, device, texture, bench, doctor),

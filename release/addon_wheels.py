@@ -40,7 +40,8 @@ NOT_USED = {"pycparser"}
 """Requirements in the metadata of bundled wheels for unused code only: cffi needs pycparser for
 compiling declarations, and sounddevice has compiled declarations."""
 IN_BLENDER = {
-    *("addon_utils", "aud", "bl_ui", "blf", "bmesh", "bpy", "bpy_extras", "gpu", "gpu_extras"),
+    *("addon_utils", "aud", "bl_operators", "bl_ui", "blf", "bmesh", "bpy", "bpy_extras", "gpu"),
+    *("gpu_extras",),
     *("idprop", "imbuf", "mathutils", "numpy", "rna_prop_ui", "zstandard"),
 }
 COMPUTED: dict[str, set[str]] = {

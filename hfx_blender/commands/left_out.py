@@ -18,14 +18,7 @@ from typing import Final
 from ..errors import UsageError
 
 PACKAGE: Final = "hfx_tools"
-_COMMANDS: Final = (
-    ("demo",),
-    ("body",),
-    ("bench",),
-    ("texture", "board"),
-    ("texture", "train-decoder"),
-    ("texture", "train-relief"),
-)
+_COMMANDS: Final = ("demo", "body", "bench", "texture")
 
 
 def module(name: str) -> ModuleType | None:
@@ -35,14 +28,10 @@ def module(name: str) -> ModuleType | None:
 
 def refuse(arguments: Sequence[str]) -> None:
     """Raise UsageError for a command that this installation lacks, with the way to get it."""
-    left_out = [names for names in _COMMANDS if tuple(arguments[: len(names)]) == names]
-    # Both forms of an option, with = and with a space.
-    if "--back-end=diffusers" in "=".join(arguments):
-        left_out.append(("--back-end", "diffusers"))
-    if left_out and not _load_tools():
+    if arguments and arguments[0] in _COMMANDS and not _load_tools():
         raise UsageError(
-            f"'{' '.join(left_out[0])}' is not part of the extension: install hfx-blender with "
-            "pip, then run it as 'hfx'."
+            f"'{arguments[0]}' is not part of the extension: install hfx-blender with pip, then "
+            "run it as 'hfx'."
         )
 
 

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Back end ``folder``: surfaces from the pictures in a watched folder, by any generator.
+"""Back end ``folder``: surfaces from pictures of any generator.
 
 A picture is converted to a relief by a network, or by brightness.
 """
 
 from __future__ import annotations
 
-import stat
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
@@ -21,16 +20,13 @@ from ..engine.texture.height_field import HeightField, from_image
 from ..engine.texture.mcha import MapSettings, make_map
 from ..engine.texture.relief.linear_light import height_from_colour
 from ..engine.texture.relief.relief_estimate import estimate
-from ..errors import InputError
 from ..files.hashes import sha256_of
 from ..formats.pictures import png
-from .generated import RECORD, Generated, name_of
+from .generated import Generated, name_of
 from .picture_prompts import prompt_of
 
 NAME: Final = "folder"
 SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".exr")
-_MOST_FILES: Final = 100_000
-
 
 Way = Literal["relief", "sobel"]
 
@@ -82,67 +78,9 @@ def surface_of(
     return PictureSurface(field, roughness, way, _NOTES[way])
 
 
-@dataclass
-class WatchedFolder:
-    """Folder of pictures, watched by polling for files that are completely written.
-
-    Raises InputError: the folder does not exist.
-    """
-
-    folder: Path
-    # Of the last poll, with a picture's suffix: empty or no regular files, broken links.
-    passed_over: list[Path] = field(default_factory=list, init=False)
-    _seen: dict[Path, tuple[int, int]] = field(default_factory=dict)
-    _done: dict[Path, tuple[int, int]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if not self.folder.is_dir():
-            raise InputError(f"{self.folder}: there is no such folder.")
-
-    def settled(self) -> list[Path]:
-        """Poll the folder; return new pictures with equal size and time at two polls, sorted. Each
-        picture is returned once, and again after a change. Empty files and broken links are in
-        ``passed_over``."""
-        states: dict[Path, tuple[int, int]] = {}
-        self.passed_over = []
-        for path in sorted(self.folder.iterdir())[:_MOST_FILES]:
-            if path.suffix.lower() not in SUFFIXES or path.name.startswith("."):
-                continue
-            try:
-                state = path.stat()
-            except OSError:
-                if path.is_symlink():  # broken; a regular file was removed since the listing
-                    self.passed_over.append(path)
-                continue
-            if stat.S_ISREG(state.st_mode) and state.st_size:
-                states[path] = (state.st_size, state.st_mtime_ns)
-            else:
-                self.passed_over.append(path)
-        # A picture that is still being written changes its size or time between two polls.
-        ready = [
-            path
-            for path, state in states.items()
-            if self._seen.get(path) == state and self._done.get(path) != state
-        ]
-        # Removed pictures are forgotten with the old states; a new one of the name counts again.
-        self._seen = states
-        self._done.update({path: states[path] for path in ready})
-        return ready
-
-    @property
-    def is_waiting(self) -> bool:
-        """Test for pictures that were found but not returned yet."""
-        return any(self._done.get(path) != state for path, state in self._seen.items())
-
-
 def generated_name(picture: Path, digest: str) -> str:
     """Name of a picture's surface: words of the stem, ``-``, 8 digits of ``digest`` (SHA-256)."""
     return name_of(picture.stem, digest[:8])
-
-
-def is_made(picture: Path, folder: Path) -> bool:
-    """Test that a folder contains the surface of a picture with this content."""
-    return (folder / (generated_name(picture, sha256_of(picture)) + RECORD)).is_file()
 
 
 def generate(

@@ -9,9 +9,10 @@ from typing import Any
 
 from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
-from hfx_blender.commands.texture import check_folder
 from hfx_blender.errors import UsageError
 from hfx_blender.processes import blender_session
+
+from .texture_source import check_folder
 
 
 def add_parser(actions: Any) -> None:

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hfx_blender.commands import texture_generate
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import UsageError
+
+from . import texture_source
 
 if TYPE_CHECKING:
     from hfx_blender.generation.generated import Generated
@@ -67,7 +68,7 @@ def maker(options: argparse.Namespace, console: Console) -> Callable[[int], Gene
         size_m=(size[0] / 1000.0, size[1] / 1000.0),
         depth_m=options.height / 1000.0,
         way=options.way,
-        noticeable=texture_generate.steps_of(options),
+        noticeable=texture_source.steps_of(options),
     )
 
     def make(seed: int) -> Generated:

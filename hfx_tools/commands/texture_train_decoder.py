@@ -8,11 +8,11 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hfx_blender.commands import texture_source
 from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import UsageError
 
+from . import texture_source
 from .texture_diffusers import DEVICES
 
 if TYPE_CHECKING:

@@ -9,8 +9,9 @@ from typing import Any
 
 from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
-from hfx_blender.commands.texture import check_folder
 from hfx_blender.errors import UsageError
+
+from .texture_source import check_folder
 
 
 def add_parser(actions: Any) -> None:

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import pytest
 
-from hfx_blender.commands import texture
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations import surface_calibration
 from hfx_blender.devices.live import live_settings
@@ -23,6 +22,7 @@ from hfx_blender.export import report
 from hfx_blender.files import kinds, resources
 from hfx_blender.formats.pictures import point_cloud
 from hfx_blender.processes import start
+from hfx_tools.commands import texture
 
 
 def _device(path: Path) -> object:

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...engine.rendering.conditioning.actuator_limits import limited
-from ...engine.rendering.device_config import ActuatorType, DeviceConfig
-from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
-from ...engine.texture.stroke_rendering import StrokeSignal, carrier
-from ...errors import InputError
+from hfx_blender.engine.rendering.conditioning.actuator_limits import limited
+from hfx_blender.engine.rendering.device_config import ActuatorType, DeviceConfig
+from hfx_blender.engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
+from hfx_blender.engine.texture.stroke_rendering import StrokeSignal, carrier
+from hfx_blender.errors import InputError
 
 
 class StrokeDevice:

@@ -7,11 +7,18 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, UsageError, refuse_no_file
-from ..files import limits
-from . import left_out, texture_generate, texture_source
-from .arguments import add_json
-from .console import Console
+from hfx_blender.commands.arguments import add_json
+from hfx_blender.commands.console import Console
+from hfx_blender.errors import InputError, UsageError, refuse_no_file
+from hfx_blender.files import limits
+
+from . import (
+    texture_board,
+    texture_generate,
+    texture_source,
+    texture_train_decoder,
+    texture_train_relief,
+)
 
 _RENDERERS = ("mcha", "textile", "direct")
 _FAINT = 0.01  # of full strength
@@ -83,20 +90,18 @@ def add_parser(commands: Any) -> None:
     ):
         add_json(sub, function)
     texture_generate.add_parser(actions)
-    for name in ("texture_train_decoder", "texture_board", "texture_train_relief"):
-        command = left_out.module(name)
-        if command is not None:
-            command.add_parser(actions)
+    for command in (texture_train_decoder, texture_board, texture_train_relief):
+        command.add_parser(actions)
 
 
 def _build(options: argparse.Namespace, console: Console) -> int:
     import numpy as np
 
-    from ..formats.pictures import texture_map
+    from hfx_blender.formats.pictures import texture_map
 
     source = texture_source.read(options)
     stem = options.output or Path(source.name)
-    check_folder(stem)
+    texture_source.check_folder(stem)
     written = texture_map.write(source.map, stem, options.bits, source.name)
     files, facts = list(written.files), {}
     if source.is_estimate and source.height is not None:
@@ -110,25 +115,20 @@ def _build(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def check_folder(path: Path) -> None:
-    """Raise UsageError for a path in a missing folder."""
-    if not path.parent.is_dir():
-        raise UsageError(f"{path}: there is no folder '{path.parent}'")
-
-
 def _stroke(options: argparse.Namespace, console: Console) -> int:
     import numpy as np
 
-    from ..devices.configuration import load_device
-    from ..devices.configurations import surface_calibration
-    from ..devices.configurations.stroke_device import StrokeDevice
-    from ..engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
-    from ..engine.texture.stroke_rendering import render_stroke
-    from ..formats.signals import stroke_files
+    from hfx_blender.devices.configuration import load_device
+    from hfx_blender.devices.configurations import surface_calibration
+    from hfx_blender.engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
+    from hfx_blender.engine.texture.stroke_rendering import render_stroke
+    from hfx_blender.formats.signals import stroke_files
+
+    from .stroke_device import StrokeDevice
 
     for path in options.output:
         stroke_files.check(path)
-        check_folder(path)
+        texture_source.check_folder(path)
     stroke = _stroke_of(options)
     device = StrokeDevice(load_device(options.device)) if options.device else None
     source = texture_source.read(options)
@@ -189,7 +189,7 @@ def _stroke_of(options: argparse.Namespace) -> Any:
     or with the file's own times. UsageError for options out of range or in conflict."""
     import numpy as np
 
-    from ..engine.texture import stroke
+    from hfx_blender.engine.texture import stroke
 
     speed = 100.0 if options.speed is None else options.speed
     if not 0.0 < speed <= 10_000.0:
@@ -228,7 +228,7 @@ def _refuse_long(path_m: Any, speed_mm_s: float) -> None:
 
 def _refuse_lasting(seconds: float) -> None:
     """Raise TooLargeError for a stroke beyond the limits of duration, or of memory of its WAV."""
-    from ..formats.signals.stroke_files import WAV_RATE_HZ
+    from hfx_blender.formats.signals.stroke_files import WAV_RATE_HZ
 
     limits.SECONDS.check(seconds, "Stroke", "it lasts")
     limits.MEMORY.check(8.0 * WAV_RATE_HZ * seconds, "Stroke", "its waveform would take")
@@ -309,7 +309,7 @@ def _measured(height: Any, cutoff_mm: float) -> dict[str, float | None]:
     undefined values. InputError for a surface shorter than the cut-off needs."""
     from math import pi
 
-    from ..engine.texture.roughness import LENGTHS, SHAPES, roughness_of_surface
+    from hfx_blender.engine.texture.roughness import LENGTHS, SHAPES, roughness_of_surface
 
     values: dict[str, float | None] = {}
     for axis, angle in (("x", 0.0), ("y", pi / 2.0)):
@@ -339,7 +339,7 @@ def _roughness(options: argparse.Namespace, console: Console) -> int:
 
 
 def _list(options: argparse.Namespace, console: Console) -> int:
-    from ..engine.texture.procedural import MATERIALS
+    from hfx_blender.engine.texture.procedural import MATERIALS
 
     facts = {}
     for material in MATERIALS.values():

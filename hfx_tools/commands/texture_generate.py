@@ -9,19 +9,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import InputError, UsageError, refuse_no_file
-from ..files.atomic import inputs_kept
-from ..version import __version__
-from . import left_out, texture_source
-from .arguments import add_json
-from .console import Console
+from hfx_blender.commands.arguments import add_json
+from hfx_blender.commands.console import Console
+from hfx_blender.errors import InputError, UsageError, refuse_no_file
+from hfx_blender.files.atomic import inputs_kept
+from hfx_blender.version import __version__
+
+from . import texture_source
 
 if TYPE_CHECKING:
-    from ..generation.generated import Generated
+    from hfx_blender.generation.generated import Generated
 
 BACK_ENDS: Final = ("library", "folder", "diffusers")
 _MOST_VARIATIONS: Final = 64
-_DIFFUSERS: Final = "texture_diffusers"
 _LOOK_S: Final = 0.5
 """Interval between two checks of the folder, seconds: a growing file is still being written."""
 
@@ -80,9 +80,9 @@ def add_parser(actions: Any) -> None:
         "--height", type=float, default=0.2, metavar="MM", help="of white over black (0.2)"
     )
     pictures.add_argument("--tiles", action="store_true", help="opposite edges match")
-    diffusers = left_out.module(_DIFFUSERS)
-    if diffusers is not None:
-        diffusers.add_arguments(parser)
+    from . import texture_diffusers  # imports this module
+
+    texture_diffusers.add_arguments(parser)
     parser.add_argument("--no-blend", action="store_true", help="write no .blend")
     add_json(parser, _run)
 
@@ -105,12 +105,13 @@ def _run(options: argparse.Namespace, console: Console) -> int:
         refuse_no_file(options.picture)
         console.result({"made": [_keep(_of_picture(options.picture, options), options, console)]})
         return 0
-    diffusers = left_out.module(_DIFFUSERS) if options.back_end == "diffusers" else None
-    if diffusers is not None:
-        return _make_all(diffusers.maker(options, console), options, console)
+    if options.back_end == "diffusers":
+        from .texture_diffusers import maker
+
+        return _make_all(maker(options, console), options, console)
     if not options.words.strip():
         raise UsageError('give the words, as in: hfx texture generate "coarse grey gravel" -o DIR')
-    from ..generation import library_search
+    from hfx_blender.generation import library_search
 
     def make(seed: int) -> Generated:
         return library_search.generate(
@@ -118,7 +119,7 @@ def _run(options: argparse.Namespace, console: Console) -> int:
             negative=options.negative,
             seed=seed,
             texels=options.resolution,
-            steps=steps_of(options),
+            steps=texture_source.steps_of(options),
         )
 
     return _make_all(make, options, console)
@@ -141,7 +142,7 @@ def _make_all(
 def _watch(options: argparse.Namespace, console: Console) -> int:
     """Convert the pictures of a folder, until Ctrl-C or with ``--once`` all present ones; returns
     5 if a picture could not be read, else 0."""
-    from ..generation.picture_folder import WatchedFolder, is_made
+    from .watched_folder import WatchedFolder, is_made
 
     watched = WatchedFolder(options.watch)
     results: list[dict[str, Any]] = []
@@ -171,7 +172,7 @@ def _watch(options: argparse.Namespace, console: Console) -> int:
 
 
 def _of_picture(picture: Path, options: argparse.Namespace) -> Generated:
-    from ..generation import picture_folder
+    from hfx_blender.generation import picture_folder
 
     size = options.size
     return picture_folder.generate(
@@ -181,32 +182,25 @@ def _of_picture(picture: Path, options: argparse.Namespace) -> Generated:
         depth_m=options.height / 1000.0,
         tiles=options.tiles,
         way=options.way,
-        steps=steps_of(options),
+        steps=texture_source.steps_of(options),
     )
-
-
-def steps_of(options: argparse.Namespace) -> Any:
-    """Just-noticeable steps with ``--steps``; None without."""
-    from ..engine.texture.haptic_map import NoticeableSteps
-
-    return NoticeableSteps() if options.steps else None
 
 
 def _keep(surface: Generated, options: argparse.Namespace, console: Console) -> dict[str, Any]:
     """Write a surface into the output folder, with a .blend unless ``--no-blend``; returns facts
     about the results."""
-    from ..generation import generated
+    from hfx_blender.generation import generated
 
     written = generated.write(surface, options.output, __version__)
     files = [*written.files]
     if not options.no_blend:
-        from ..processes import blender_session
+        from hfx_blender.processes import blender_session
 
         # First, as the module imported below needs Blender.
         blender_session.start()
-        from ..authoring.surfaces import generated_surfaces
+        from .swatch_file import write_blend
 
-        files.append(generated_surfaces.write_blend(written.files[-1]))
+        files.append(write_blend(written.files[-1]))
     for path in files:
         console.say(f"wrote {path}")
     for note in surface.notes:

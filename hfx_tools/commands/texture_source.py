@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import InputError, UsageError, refuse_no_file
-from ..files.kinds import PICTURE_SUFFIXES, TEXTURE_MAP_SUFFIX, title_of
-from ..processes import blender_session
-from .arguments import add_largest, checked, pair_of
+from hfx_blender.commands.arguments import add_largest, checked, pair_of
+from hfx_blender.errors import InputError, UsageError, refuse_no_file
+from hfx_blender.files.kinds import PICTURE_SUFFIXES, TEXTURE_MAP_SUFFIX, title_of
+from hfx_blender.processes import blender_session
 
 if TYPE_CHECKING:
-    from ..engine.arrays import F64
-    from ..engine.texture.haptic_map import HapticMap
-    from ..engine.texture.height_field import HeightField
+    from hfx_blender.engine.arrays import F64
+    from hfx_blender.engine.texture.haptic_map import HapticMap
+    from hfx_blender.engine.texture.height_field import HeightField
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +121,7 @@ def add_arguments(parser: Any, *, readings: bool = True) -> None:
 def read(options: argparse.Namespace) -> TextureSource:
     """Read the source named by the options. Raises UsageError for an option out of range, and
     InputError for an unusable source."""
-    from ..engine.texture.procedural import MATERIALS
+    from hfx_blender.engine.texture.procedural import MATERIALS
 
     check_numbers(options)
     name, path = options.source, Path(options.source)
@@ -130,7 +130,7 @@ def read(options: argparse.Namespace) -> TextureSource:
         field, roughness = MATERIALS[name].make(max(options.resolution, 16), options.seed)
         return _built(name, field, roughness, (), options)
     if name.endswith(TEXTURE_MAP_SUFFIX):
-        from ..formats.pictures import texture_map
+        from hfx_blender.formats.pictures import texture_map
 
         return TextureSource(
             path.name.removesuffix(TEXTURE_MAP_SUFFIX), texture_map.read(path), None
@@ -160,9 +160,9 @@ def check_numbers(options: argparse.Namespace) -> None:
 def _file(path: Path, options: argparse.Namespace) -> TextureSource:
     """Surface of a picture or point cloud by the options; InputError for another suffix."""
     blender_session.start()
-    from ..authoring.surfaces import image_values, surface_sources
-    from ..engine.texture.height_field import from_image
-    from ..formats.pictures import point_cloud
+    from hfx_blender.authoring.surfaces import image_values, surface_sources
+    from hfx_blender.engine.texture.height_field import from_image
+    from hfx_blender.formats.pictures import point_cloud
 
     full = Path(os.path.abspath(path))
     suffix = path.suffix.lower()
@@ -205,7 +205,7 @@ def _estimated(path: Path, options: argparse.Namespace) -> TextureSource:
     without ``--size``."""
     import numpy as np
 
-    from ..engine.texture.relief.relief_estimate import estimate
+    from hfx_blender.engine.texture.relief.relief_estimate import estimate
 
     if options.size is None:
         raise UsageError(
@@ -233,7 +233,7 @@ def _object(path: Path, options: argparse.Namespace) -> TextureSource:
     blender_session.open_blend(path)
     import bpy
 
-    from ..authoring.surfaces import surfaces
+    from hfx_blender.authoring.surfaces import surfaces
 
     scene = bpy.context.scene
     candidates = surfaces.surfaces_of(scene)
@@ -263,8 +263,8 @@ def _built(
     options: Any,
     slope: Any = None,
 ) -> TextureSource:
-    from ..engine.texture.haptic_map import DeviceRange, NoticeableSteps
-    from ..engine.texture.mcha import MapSettings, make_map
+    from hfx_blender.engine.texture.haptic_map import DeviceRange, NoticeableSteps
+    from hfx_blender.engine.texture.mcha import MapSettings, make_map
 
     # A picture of roughness replaces the estimate.
     if options.roughness is not None:
@@ -285,7 +285,7 @@ def picture(path: Path, values: str) -> F64:
     blender_session.start()
     import bpy
 
-    from ..authoring.surfaces import image_values
+    from hfx_blender.authoring.surfaces import image_values
 
     # Blender does not search the working folder.
     image = image_values.load(os.path.abspath(path))
@@ -299,3 +299,16 @@ def picture(path: Path, values: str) -> F64:
     finally:
         # Images stay in Blender's memory until removed, and a watched folder may have thousands.
         bpy.data.images.remove(image)
+
+
+def check_folder(path: Path) -> None:
+    """Raise UsageError for a path in a missing folder."""
+    if not path.parent.is_dir():
+        raise UsageError(f"{path}: there is no folder '{path.parent}'")
+
+
+def steps_of(options: argparse.Namespace) -> Any:
+    """Just-noticeable steps with ``--steps``; None without."""
+    from hfx_blender.engine.texture.haptic_map import NoticeableSteps
+
+    return NoticeableSteps() if options.steps else None
