@@ -301,6 +301,7 @@ class HFX_OT_show_report(HfxOperator):
 
         text = bpy.data.texts.get(_REPORT) or bpy.data.texts.new(_REPORT)
         text.from_string(describe(last_written[0].report))
+        text.cursor_set(0)
         if not bpy.app.background:
             bpy.ops.wm.window_new()
             area = context.window_manager.windows[-1].screen.areas[0]
