@@ -296,6 +296,28 @@ def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None
     assert shown.count("template_icon") == 1
 
 
+def test_a_row_names_the_body_of_its_effect_among_several(scene: Any) -> None:
+    bpy.ops.hfx.add_avatar()
+    anna = bpy.context.object
+    anna.name = "Anna"
+    bpy.ops.hfx.add_on_part(modality="vibration", part="torso")
+    effect = bpy.context.object
+    for name in ("Anna", "Ben"):
+        list_rows.refresh()
+        row = bpy.context.window_manager.hfx_rows[effect.name]
+        layout = Layout()
+        draw = list_rows.HFX_UL_effects.draw_item
+        draw(None, bpy.context, layout, None, row, 0, None, "")
+        assert layout.shown[0] == "name" and layout.shown[-3:] == [
+            "is_selected",
+            "is_solo",
+            "is_muted",
+        ]
+        assert ("Anna" in layout.shown) == (name == "Ben"), layout.shown
+        bpy.ops.hfx.add_avatar()
+        bpy.context.object.name = "Ben"
+
+
 def test_the_export_panel_and_the_menus(scene: Any) -> None:
     bpy.context.scene.hfx.devices.add().name = "back_pad"
     shown = drawn(effects_panel.HFX_PT_export.draw, bpy.context)
