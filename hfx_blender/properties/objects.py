@@ -236,6 +236,9 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         StringProperty, "Group", "Effects of a group share an expandable row of the list"
     )
     # Equal on all effects of a group; without keyframes, which each effect would need.
+    is_group_muted: _overridable(
+        BoolProperty, "Mute Group", "Disable all effects of the group", options=set()
+    )
     group_gain: _overridable(
         FloatProperty,
         "Group Gain",

@@ -42,7 +42,7 @@ FEWEST = 64
 # Properties of bodies and effects that a description holds; animated ones are read at each moment.
 _CONSTANT_PROPERTIES = attrgetter(
     *"role modality kind shape falloff falloff_share temperature_reference model_hash".split(),
-    *"body_name follow is_muted is_solo".split(),
+    *"body_name follow is_muted is_group_muted is_solo".split(),
 )
 
 

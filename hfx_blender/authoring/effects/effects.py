@@ -109,14 +109,14 @@ def free_group(scene: bpy.types.Scene, name: str) -> str:
 
 
 def set_group(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], name: str) -> None:
-    """Move effects to a group with the gain of its present effects in the scene; for "" out of any
-    group, with gain 1."""
-    members = (effect for effect in effects_of(scene) if name and group_of(effect) == name)
-    gain = next((member.hfx.group_gain for member in members), 1.0)
+    """Move effects to a group with gain and mute of its present effects in the scene; for "" out of
+    any group, with gain 1 and not muted."""
+    members = (effect.hfx for effect in effects_of(scene) if name and group_of(effect) == name)
+    gain, mute = next(((hfx.group_gain, hfx.is_group_muted) for hfx in members), (1.0, False))
     for effect in objects:
         # Rain is replaced by its name in an ID property, which names a group of earlier versions.
         effect.hfx.group = name or (effect.name if effect.get("hfx_rain") else "")
-        effect.hfx.group_gain = gain
+        effect.hfx.group_gain, effect.hfx.is_group_muted = gain, mute
 
 
 def move_to_body(objects: Iterable[bpy.types.Object], body: bpy.types.Object) -> int:
@@ -140,7 +140,12 @@ def muted_effects(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]
     objects = list(objects)
     # A mute counts even for an effect that is solo.
     any_solo = any(effect.hfx.is_solo for effect in objects)
-    return [e for e in objects if e.hfx.is_muted or (any_solo and not e.hfx.is_solo)]
+    return [e for e in objects if is_muted(e) or (any_solo and not e.hfx.is_solo)]
+
+
+def is_muted(effect: bpy.types.Object) -> bool:
+    """Test for an effect that is muted by itself or with its group."""
+    return bool(effect.hfx.is_muted or effect.hfx.is_group_muted)
 
 
 def model_id_for(modality: str) -> str:

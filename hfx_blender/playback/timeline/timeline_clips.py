@@ -73,7 +73,7 @@ def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object
         high = low + height - _GAP * scale
         for effect, track, strip in ((e, *clip) for e in row for clip in clips.strips_of(e)):
             colour = effect_colour(effect.hfx, context.scene.hfx.palette)[:3]
-            is_off = strip.mute or track.mute or effect.hfx.is_muted
+            is_off = strip.mute or track.mute or effects.is_muted(effect)
             # The envelope in pixels, piecewise linear: the NLA's own curve is not public.
             points = [
                 (region.view2d.view_to_region(frame, 0.0, clip=False)[0], value)

@@ -35,6 +35,7 @@ from . import visibility
 from .activation import SILENCED, Activation, ActivationSource, spans_of_value
 
 MUTED = "is muted"
+GROUP_MUTED = "is in a muted group"
 NOT_SOLO = "is silent because others are solo"
 CLIPS_OFF = (
     "has clips, all of them muted",
@@ -243,7 +244,8 @@ def why_dormant(effect: bpy.types.Object, state: Activation, frames: F64) -> str
     None otherwise. Checked in order: muted, not solo, clips off, off at all frames, intensity 0,
     gain of the group 0."""
     if state is SILENCED:
-        return MUTED if effect.hfx.is_muted else NOT_SOLO
+        own = MUTED if effect.hfx.is_muted else NOT_SOLO
+        return GROUP_MUTED if effect.hfx.is_group_muted else own
     if state.source is ActivationSource.OFF:
         data = effect.animation_data
         muted, not_solo, off = CLIPS_OFF

@@ -110,13 +110,20 @@ def is_shown(row: HfxEffectRow) -> bool:
 
 
 def _has(name: str) -> Callable[[HfxEffectRow], bool]:
-    return lambda row: all(getattr(effect.hfx, name) for effect in _effects_of_row(row))
+    return lambda row: all(
+        getattr(effect.hfx, _stored(row, name)) for effect in _effects_of_row(row)
+    )
+
+
+def _stored(row: HfxEffectRow, name: str) -> str:
+    """Property of the effects of a row: a group is muted apart from its effects."""
+    return "is_group_muted" if name == "is_muted" and not row.effect else name
 
 
 def _set(name: str) -> Callable[[HfxEffectRow, bool], None]:
     def set_all(row: HfxEffectRow, value: bool) -> None:
         for effect in _effects_of_row(row):
-            setattr(effect.hfx, name, value)
+            setattr(effect.hfx, _stored(row, name), value)
         # Values set from Python cause no depsgraph update: the check tags the effects.
         preview.schedule_check()
         push_undo_soon()

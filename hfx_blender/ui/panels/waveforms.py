@@ -10,6 +10,7 @@ import bpy
 import bpy.utils.previews
 
 from ...authoring import clips
+from ...authoring.effects import effects
 from ...blender import compat
 from ...blender.scene_info import animation_fps
 
@@ -75,7 +76,7 @@ def icon(
     if _previews is None:
         _previews = bpy.utils.previews.new()
     lowest, highest = waveform(context.scene, effect, strip, SIZE)
-    is_off = effect.hfx.is_muted or (strip is not None and strip.mute)
+    is_off = effects.is_muted(effect) or (strip is not None and strip.mute)
     colour = np.array(PALETTES[context.scene.hfx.palette][effect.hfx.modality])
     colour += (np.array(_BACK) - colour) * (0.65 if is_off else 0.0)
     # Rows of pixels are values from the lower end: -1 to 1 for vibrations, else 0 to 1.

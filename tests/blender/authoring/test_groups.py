@@ -80,6 +80,21 @@ def test_a_gain_of_0_is_a_reason(pair: list[Any], tmp_path: Path) -> None:
     assert b["felt"] and any("is in a group of gain 0" in text for text in report.warnings)
 
 
+def test_a_muted_group_is_a_reason_and_silent_live(pair: list[Any], tmp_path: Path) -> None:
+    bpy.ops.hfx.move_to_group(group="NEW")
+    list_rows.refresh()
+    bpy.context.window_manager.hfx_rows[0].is_muted = True
+    report = export_scene(bpy.context.scene, tmp_path, "x", ExportSettings(("track",)))
+    assert [fact["reason"] for fact in report.effects] == ["is in a muted group"] * 2
+    assert not report.warnings, "as intended"
+    bpy.context.view_layer.update()
+    assert LiveScene(bpy.context.scene, bpy.context.view_layer, STANDARD).runs() == []
+    pair[0].select_set(False)
+    bpy.ops.hfx.move_to_group(group="NONE")
+    report = export_scene(bpy.context.scene, tmp_path, "x", ExportSettings(("track",)))
+    assert [fact["felt"] for fact in report.effects] == [False, True]
+
+
 def test_a_group_of_gain_1_exports_the_bytes_of_no_group(pair: list[Any], tmp_path: Path) -> None:
     for folder in ("without", "with"):
         export_scene(bpy.context.scene, tmp_path / folder, "x", ExportSettings(("track", "jsonl")))

@@ -38,10 +38,12 @@ def test_the_row_of_a_group_mutes_and_selects_all_of_it(scene: Any) -> None:
     alone = volume("C")
     rows()
     manager = bpy.context.window_manager
-    manager.hfx_rows[0].is_muted = True
-    assert [item.hfx.is_muted for item in (*storm, alone)] == [True, True, False]
-    storm[0].hfx.is_muted = False
-    assert not manager.hfx_rows[0].is_muted and manager.hfx_rows[2].is_muted
+    storm[0].hfx.is_muted = True
+    for is_muted in (True, False):
+        manager.hfx_rows[0].is_muted = is_muted
+        assert effects.muted_effects([*storm, alone]) == (storm if is_muted else storm[:1])
+        assert manager.hfx_rows[0].is_muted == is_muted
+        assert manager.hfx_rows[1].is_muted, "an effect's own mute stays"
     manager.hfx_row = 0
     assert bpy.context.selected_objects == storm and bpy.context.object == storm[0]
     assert manager.hfx_row == 0, "the active effect is in a closed group: its row"
