@@ -16,6 +16,9 @@ TELLS_OWNERS_OF_PATHS = hasattr(bpy.types.BlendData, "file_path_map")
 CAN_JOIN_AREAS = bpy.app.version >= (4, 3)
 """Support for joining areas of a window by their positions."""
 
+HAS_ASSET_SHELVES = bpy.app.version >= (5, 0)
+"""Support for asset shelves of objects, which Blender drags into the scene."""
+
 GIZMOS_MAKE_UNDO_STEPS = "use_undo" in bpy.types.Gizmo.bl_rna.properties
 """Support for Blender's own undo steps after a gizmo is dragged."""
 

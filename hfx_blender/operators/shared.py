@@ -355,10 +355,13 @@ class StepwiseExport(StepwiseOperator):
 class KeyBindings:
     """Keys of operators in Blender's keymap ``keymap``, while the extension is enabled.
 
-    The keys work in all editors. An entry is an operator's id, a key, and its modifiers.
+    The keys work in all editors. An entry is an operator's id, a key, its modifiers, and properties
+    of the operator.
     """
 
-    def __init__(self, keymap: str, *entries: tuple[str, str, dict[str, bool]]) -> None:
+    def __init__(
+        self, keymap: str, *entries: tuple[str, str, dict[str, bool], dict[str, str]]
+    ) -> None:
         self._keymap = keymap
         self._entries = entries
         self._added: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
@@ -368,8 +371,10 @@ class KeyBindings:
         if keyconfig is None:  # no key configuration in background mode
             return
         keymap = keyconfig.keymaps.new(name=self._keymap, space_type="EMPTY")
-        for operator, key, modifiers in self._entries:
+        for operator, key, modifiers, properties in self._entries:
             item = keymap.keymap_items.new(operator, key, "PRESS", **modifiers)
+            for name, value in properties.items():
+                setattr(item.properties, name, value)
             self._added.append((keymap, item))
 
     def unregister(self) -> None:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""HFX workspace: viewport with the HFX tab, NLA editor for clips, timeline; the start-up file."""
+"""HFX workspace: viewport with the HFX tab, sensations, clips, timeline; the start-up file."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator
 from contextlib import suppress
 from functools import partial
 
@@ -13,16 +13,21 @@ from mathutils import Quaternion
 
 from ..blender.events import Handlers, add_handlers, call_soon, remove_handlers
 from . import framing
+from .effects.asset_browser import LIBRARY_NAME
 from .shared import HfxOperator
 
 NAME = "HFX"
 TAB = "HFX"
 
-_NLA_SHARE = 0.4  # of the viewport's height: five effects at 1280 x 800, two rows each
+_LEFT_SHARE = 0.4  # of the window's width, for clips and timeline
+_TIMELINE_SHARE = 0.34  # of the window's height: nine rows at 1280 x 720
+_CLIPS_SHARE = 0.6  # of the remaining height
 _FROM_THE_FRONT = Quaternion((0.743, 0.646, 0.114, 0.131))  # a little from above and aside
 _AGAIN_S = 0.05
 _DRAWN_S = 0.5
 _PATIENCE_S = 30.0
+
+_is_arranging = False  # from the workspace's creation until its areas are arranged
 
 
 def _has_window(context: bpy.types.Context) -> bool:
@@ -30,14 +35,15 @@ def _has_window(context: bpy.types.Context) -> bool:
 
 
 class HFX_OT_workspace(HfxOperator):
-    """Go to the HFX workspace: viewport with the HFX tab, NLA editor for clips, timeline. The
-    workspace is added if missing"""
+    """Go to the HFX workspace: viewport with the HFX tab, sensations, NLA editor for clips,
+    timeline. The workspace is added if missing"""
 
     bl_label = "HFX Workspace"
     bl_options = {"REGISTER"}
     requires = ((_has_window, "There is no window"),)
 
     def work(self, context: bpy.types.Context) -> str:
+        global _is_arranging
         workspace = bpy.data.workspaces.get(NAME)
         if workspace is not None:
             context.window.workspace = workspace
@@ -48,7 +54,8 @@ class HFX_OT_workspace(HfxOperator):
         (added,) = set(bpy.data.workspaces) - before
         added.name = NAME
         # Blender shows the workspace after this operator: arrange its areas by a timer.
-        _retry(partial(_arrange_when_shown, context.window, added))
+        _is_arranging = True
+        _retry(partial(next, _arranging(context.window, added), True))
         return ""
 
 
@@ -104,19 +111,19 @@ _AWAITED: Handlers = {"load_post": replace_cube_by_avatar}
 def _go_to_workspace() -> None:
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         bpy.ops.hfx.workspace()
-    call_soon(_frame_avatar, 2.0 * _AGAIN_S)
+    _retry(_frame_avatar)
 
 
-def _frame_avatar() -> float | None:
-    """Timer: frame the selected avatar from the front, once the HFX workspace is active."""
+def _frame_avatar() -> bool:
+    """Frame the selected avatar from the front; False until the HFX workspace is arranged."""
     window = bpy.context.window_manager.windows[0]
-    if window.workspace.name != NAME:
-        return _AGAIN_S
+    if window.workspace.name != NAME or _is_arranging:
+        return False
     with bpy.context.temp_override(window=window):
         area = framing.viewport(bpy.context)
         area.spaces.active.region_3d.view_rotation = _FROM_THE_FRONT
         framing.frame(bpy.context, bpy.context.selected_objects)
-    return None
+    return True
 
 
 def _retry(step: Callable[[], bool]) -> None:
@@ -129,38 +136,64 @@ def _retry(step: Callable[[], bool]) -> None:
     call_soon(retry, _AGAIN_S)
 
 
-def _arrange_when_shown(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> bool:
-    """Arrange a window that shows a workspace; False if it shows another workspace yet."""
-    try:
-        if window.workspace != workspace:
-            return False
-        _arrange(window)
-    except ReferenceError:  # the window was closed, or another file opened
-        pass
-    return True
+def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iterator[bool]:
+    """Arrange the areas of a window once it shows a workspace; yields False before each step, as
+    Blender updates the areas between two steps.
+
+    The viewport with the HFX tab has the full height, so that list, area and clips of an effect are
+    in view together. Left of it are, from the top, the Asset Browser with the sensations, the NLA
+    editor and the timeline. Ends early if the window is closed, or another file opened.
+    """
+    global _is_arranging
+    with suppress(ReferenceError):
+        while window.workspace != workspace:
+            yield False
+        areas = window.screen.areas
+        viewports = [area for area in areas if area.type == "VIEW_3D"]
+        viewport = max(viewports or areas, key=lambda area: area.width * area.height)
+        viewport.type = "VIEW_3D"
+        # An area closes into a neighbour with a whole common edge: others close later.
+        while any(_close(window, area) for area in areas if area != viewport):
+            yield False
+        left, viewport = yield from _split(window, viewport, "VERTICAL", _LEFT_SHARE)
+        timeline, upper = yield from _split(window, left, "HORIZONTAL", _TIMELINE_SHARE)
+        clips, browser = yield from _split(window, upper, "HORIZONTAL", _CLIPS_SHARE)
+        viewport.spaces.active.show_region_ui = True
+        viewport.spaces.active.show_region_tool_header = False  # room for the tab
+        clips.type, timeline.ui_type, browser.ui_type = "NLA_EDITOR", "TIMELINE", "ASSETS"
+        clips.spaces.active.show_region_ui = False
+        clips.spaces.active.dopesheet.show_missing_nla = False  # rows without clips
+        timeline.show_menus = False  # room for the buttons of playback
+        # By a timer: Blender sizes the editor at the next drawing.
+        call_soon(partial(_frame_clips, window, clips), _DRAWN_S)
+        while not _show_tab(viewport):
+            yield False
+        _is_arranging = False  # the Asset Browser may take longer
+        while browser.spaces.active.params is None:  # until its first drawing
+            yield False
+        browser.spaces.active.show_region_toolbar = False
+        with suppress(TypeError):  # an installation without the library
+            browser.spaces.active.params.asset_library_reference = LIBRARY_NAME
+    _is_arranging = False
 
 
-def _arrange(window: bpy.types.Window) -> None:
-    """Arrange a window's areas: largest viewport with the HFX tab; NLA editor below, if missing."""
-    areas = window.screen.areas
-    viewports = [area for area in areas if area.type == "VIEW_3D"]
-    viewport = max(viewports or areas, key=lambda area: area.width * area.height)
-    viewport.type = "VIEW_3D"
-    if not any(area.type == "NLA_EDITOR" for area in areas):
-        before = {area.as_pointer() for area in areas}
-        with bpy.context.temp_override(window=window, screen=window.screen, area=viewport):
-            bpy.ops.screen.area_split(direction="HORIZONTAL", factor=_NLA_SHARE)
-        for area in areas:
-            if area.as_pointer() not in before:
-                lower, upper = sorted((area, viewport), key=lambda each: each.y)
-                lower.type, upper.type = "NLA_EDITOR", "VIEW_3D"
-                lower.spaces.active.show_region_ui = False
-                lower.spaces.active.dopesheet.show_missing_nla = False  # rows without clips
-                # By a timer: Blender sizes the editor at the next drawing.
-                call_soon(partial(_frame_clips, window, lower), _DRAWN_S)
-    viewport = max((a for a in areas if a.type == "VIEW_3D"), key=lambda a: a.width * a.height)
-    viewport.spaces.active.show_region_ui = True
-    _retry(partial(_show_tab, viewport))
+def _close(window: bpy.types.Window, area: bpy.types.Area) -> bool:
+    """Close an area; returns False if it has no neighbour with a whole common edge."""
+    with bpy.context.temp_override(window=window, screen=window.screen, area=area):
+        return "FINISHED" in bpy.ops.screen.area_close()
+
+
+def _split(
+    window: bpy.types.Window, area: bpy.types.Area, direction: str, share: float
+) -> Generator[bool, None, list[bpy.types.Area]]:
+    """Split an area into the left and right, or lower and upper one; ``share`` is that of the
+    first."""
+    before = {each.as_pointer() for each in window.screen.areas}
+    with bpy.context.temp_override(window=window, screen=window.screen, area=area):
+        bpy.ops.screen.area_split(direction=direction, factor=share)
+    yield False  # the sizes are updated
+    added = [each for each in window.screen.areas if each.as_pointer() not in before]
+    return sorted([area, *added], key=lambda each: (each.x, each.y))
 
 
 def _frame_clips(window: bpy.types.Window, editor: bpy.types.Area) -> None:

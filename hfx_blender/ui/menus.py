@@ -13,7 +13,7 @@ from ..authoring import clips, painting
 from ..authoring.effects import effects, swarms
 from ..engine.modality import MODALITIES
 from ..operators.effects.clip_operators import draw_clip_buttons
-from ..operators.shared import active_armature, active_body, active_effect
+from ..operators.shared import KeyBindings, active_armature, active_body, active_effect
 from ..properties.objects import SHAPES
 
 
@@ -97,6 +97,8 @@ class HFX_MT_object(bpy.types.Menu):
                 layout.operator("hfx.effect_mirrored", icon="ARROW_LEFTRIGHT")
             draw_clip_buttons(layout)
             layout.operator("hfx.copy_clips", icon="COPYDOWN")
+            if effect.hfx.kind in effects.ON_A_BODY:
+                layout.operator_menu_enum("hfx.move_to_body", "body", icon="FORWARD")
             layout.separator()
             layout.prop(effect.hfx, "is_muted")
             layout.prop(effect.hfx, "is_solo")
@@ -108,6 +110,29 @@ class HFX_MT_object(bpy.types.Menu):
         else:
             draw_paint_menu(layout, "Painted Effect")
         layout.operator("hfx.paste_effects", icon="PASTEDOWN")
+
+
+class HFX_MT_effect_pie(bpy.types.Menu):
+    """Most used actions of the active effect"""
+
+    bl_label = "Haptic Effect"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return active_effect(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        pie, effect = self.layout.menu_pie(), active_effect(context)
+        # Left, right, bottom, top, then the upper corners.
+        pie.prop(effect.hfx, "is_muted", icon="MUTE_IPO_ON")
+        pie.prop(effect.hfx, "is_solo", icon="SOLO_ON")
+        pie.operator("hfx.add_clip", icon="NLA")
+        if effect.hfx.kind == "PAINTED":
+            pie.operator("hfx.paint_begin", icon="BRUSH_DATA")
+        else:
+            pie.separator()
+        if effect.hfx.kind in effects.ON_A_BODY:
+            pie.operator_menu_enum("hfx.move_to_body", "body", icon="FORWARD")
 
 
 def draw_add_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
@@ -195,11 +220,16 @@ _ENTRIES = {
 }
 
 
+_keys = KeyBindings("Object Mode", ("wm.call_menu_pie", "Y", {}, {"name": "HFX_MT_effect_pie"}))
+
+
 def register() -> None:
+    _keys.register()
     for name, entry in _ENTRIES.items():
         getattr(bpy.types, name).append(entry)
 
 
 def unregister() -> None:
+    _keys.unregister()
     for name, entry in reversed(_ENTRIES.items()):
         getattr(bpy.types, name).remove(entry)

@@ -18,11 +18,16 @@ import numpy as np
 import numpy.typing as npt
 
 from hfx_blender.authoring.effects import effect_exchange, effect_file, effects
-from hfx_blender.authoring.effects.effect_assets import LIBRARY_FILE, SENSATION, has_effects_on_body
+from hfx_blender.authoring.effects.effect_assets import (
+    AUTHOR,
+    LIBRARY_FILE,
+    SENSATION,
+    has_effects_on_body,
+)
 from hfx_blender.authoring.effects.effect_file import SUFFIX, Sensation
 from hfx_blender.engine.arrays import F64, Bool
 from hfx_blender.engine.body.model import load_avatar, load_model
-from hfx_blender.engine.colouring import COLD, COLOURS, Spread
+from hfx_blender.engine.colouring import COLD, PALETTES, Spread
 from hfx_blender.files.atomic import atomic_file
 from hfx_blender.files.staging import temporary_folder
 from hfx_blender.playback.preview.preview_layers import spread_between
@@ -88,7 +93,7 @@ def _add_asset(stem: str, sensation: Sensation, picture: F64) -> None:
     data.catalog_id = catalog_id(WORN if has_effects_on_body(sensation) else AROUND)
     data.description = sensation.description
     data.license = "GPL-3.0-or-later"
-    data.author = "HFX"
+    data.author = AUTHOR
     for modality in dict.fromkeys(effect.modality for effect in sensation.effects):
         data.tags.new(modality, skip_if_exists=True)
     preview = empty.preview_ensure()
@@ -145,7 +150,9 @@ def _colours(strongest: Mapping[str, F64], count: int) -> F64:
     strengths = {name: share / share.max() for name, share in strongest.items() if share.any()}
     if strengths:
         shares = np.array(list(strengths.values()))
-        legend = np.array([COLOURS[name] for name in strengths])[shares.argmax(axis=0)]
+        legend = np.array([PALETTES["WARM_COLD"][name] for name in strengths])[
+            shares.argmax(axis=0)
+        ]
         colours += shares.max(axis=0)[:, None] * (legend - colours)
     return colours
 
@@ -163,7 +170,7 @@ def _volumes(scene: bpy.types.Scene) -> tuple[F64, F64]:
                 points.append(inside @ matrix[:3, :3].T + matrix[:3, 3])
                 is_cold = obj.hfx.modality == "temperature" and obj.hfx.temperature < _NEUTRAL_C
                 name = COLD if is_cold else obj.hfx.modality
-                colours.append(np.tile(COLOURS[name], (_POINTS, 1)))
+                colours.append(np.tile(PALETTES["WARM_COLD"][name], (_POINTS, 1)))
     return np.concatenate(points), np.concatenate(colours)
 
 

@@ -23,6 +23,9 @@ SENSATION = "hfx_sensation"
 
 LIBRARY_FILE = "sensations.blend"
 
+AUTHOR = "HFX"
+"""Author in the metadata of the assets."""
+
 _ON_BODY_M = 0.1
 """Largest distance of a drop on a body from the avatar's bounding box."""
 

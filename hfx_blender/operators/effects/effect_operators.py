@@ -43,7 +43,7 @@ def active_vector(context: bpy.types.Context) -> bpy.types.Object | None:
     return effect if effect is not None and effect.hfx.kind == "ACTUATORS" else None
 
 
-def _show_wire_colours(context: bpy.types.Context) -> None:
+def show_wire_colours(context: bpy.types.Context) -> None:
     """Show wires in object colours, which encode the modality, if in the theme's colour."""
     space = context.space_data
     if space is not None and space.type == "VIEW_3D":
@@ -111,7 +111,7 @@ class HFX_OT_add_volume(HfxOperator):
         effect.hfx.radius = self.radius
         effect.hfx.height = self.height
         effect.location = self.location
-        _show_wire_colours(context)
+        show_wire_colours(context)
         select_only(context, effect)
 
 
@@ -135,7 +135,7 @@ class HFX_OT_volume_from_mesh(HfxOperator):
         effect = effects.volume_from_mesh(context.scene, self.modality, source, self.name or None)
         if not has_body:
             source.display_type = "WIRE"
-        _show_wire_colours(context)
+        show_wire_colours(context)
         select_only(context, effect)
 
 

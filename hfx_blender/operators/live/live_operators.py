@@ -118,9 +118,7 @@ class HFX_OT_live_approve(OfDevice):
     script: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        shown = self.reported(self._show)
-        if shown != {"FINISHED"}:
-            return shown
+        self._show()
         return context.window_manager.invoke_props_dialog(self, width=520)
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -219,7 +217,7 @@ class HFX_OT_live_offset(OfDevice):
 
 _keys = KeyBindings(
     "Window",
-    ("hfx.live_stop_all", "BACK_SPACE", {"ctrl": True, "shift": True}),
-    ("hfx.live_stop_all", "PAUSE", {}),
+    ("hfx.live_stop_all", "BACK_SPACE", {"ctrl": True, "shift": True}, {}),
+    ("hfx.live_stop_all", "PAUSE", {}, {}),
 )
 register, unregister = _keys.register, _keys.unregister

@@ -109,18 +109,11 @@ class HFX_OT_draw_path(HfxOperator):
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, translated("Draw in a 3D viewport."))
-            return {"CANCELLED"}
+            raise InputError("Draw in a 3D viewport.")
         body = active_spot(context).hfx.body
-
-        def find_skin() -> None:
-            if body is None:
-                raise InputError("The point has no body; choose one first.")
-            self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
-
-        begun = self.reported(find_skin)
-        if begun != {"FINISHED"}:
-            return begun
+        if body is None:
+            raise InputError("The point has no body; choose one first.")
+        self._picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
         self.stroke.clear()
         self.frame = context.scene.frame_current
         self._is_held = False

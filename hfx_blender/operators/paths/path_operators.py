@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -71,6 +72,22 @@ class PathOperator(HfxOperator):
     )
 
 
+def add_spot_at(
+    context: bpy.types.Context,
+    modality: str,
+    body: bpy.types.Object,
+    place: Sequence[float],
+    name: str | None = None,
+) -> bpy.types.Object:
+    """Add a point at a canonical place of a body's skin, metres; InputError if it is off the
+    skin."""
+    paths.skin().on_skin([place])  # refused before anything is made
+    effect = paths.add_spot(context.scene, modality, body, name)
+    paths.draw(effect, [place])
+    paths.move_to_path(effect, context.evaluated_depsgraph_get())
+    return effect
+
+
 class HFX_OT_add_spot(OnBodyOperator):
     """Add a point on the skin: a disc that can move along a path.
 
@@ -98,25 +115,16 @@ class HFX_OT_add_spot(OnBodyOperator):
             not self.properties.is_property_set("place")
             and len(effects.bodies_of(context.scene)) == 1
         ):
-
-            def place_at_cursor() -> None:
-                (body,) = effects.bodies_of(context.scene)
-                picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
-                reach = _ON_SKIN_M / metres_of(context.scene)
-                nearest = picker.nearest(context.scene.cursor.location, reach)
-                self.place = _MIDDLE_OF_BACK if nearest is None else nearest.tolist()
-
-            placed = self.reported(place_at_cursor)
-            if placed != {"FINISHED"}:
-                return placed
+            (body,) = effects.bodies_of(context.scene)
+            picker = skin_picking.Picker(body, context.evaluated_depsgraph_get())
+            reach = _ON_SKIN_M / metres_of(context.scene)
+            nearest = picker.nearest(context.scene.cursor.location, reach)
+            self.place = _MIDDLE_OF_BACK if nearest is None else nearest.tolist()
         return self.execute(context)
 
     def work(self, context: bpy.types.Context) -> str:
-        body = target_body(context)
-        paths.skin().on_skin([self.place])  # refused before anything is made
-        effect = paths.add_spot(context.scene, self.modality, body, self.name or None)
-        paths.draw(effect, [self.place])
-        paths.move_to_path(effect, context.evaluated_depsgraph_get())
+        body, name = target_body(context), self.name or None
+        effect = add_spot_at(context, self.modality, body, self.place, name)
         select_only(context, effect)
         return f"'{effect.name}' does not move; draw a path to move it"
 

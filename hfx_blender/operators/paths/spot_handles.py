@@ -62,9 +62,7 @@ class _HeldSpotOperator(PathOperator):
         self._region = framing.region_at(context.area, event.mouse_x, event.mouse_y)
         self._at = Vector((event.mouse_x, event.mouse_y))
         self._seen = self._at.copy()
-        begun = self.reported(lambda: self._begin(context, effect))
-        if begun != {"FINISHED"}:
-            return begun
+        self._begin(context, effect)
         context.window.cursor_modal_set("SCROLL_XY")
         context.window_manager.modal_handler_add(self)
         self._tell(context)
@@ -368,6 +366,7 @@ def _stand(context: bpy.types.Context, effect: bpy.types.Object) -> None:
 
 _classes = (HFX_OT_slide_spot, HFX_OT_resize_spot, HFX_OT_key_spot)
 _keys = KeyBindings(
-    "Object Mode", *((each.bl_idname, key, {}) for each, key in zip(_classes, "GSI", strict=True))
+    "Object Mode",
+    *((each.bl_idname, key, {}, {}) for each, key in zip(_classes, "GSI", strict=True)),
 )
 register, unregister = _keys.register, _keys.unregister

@@ -99,9 +99,7 @@ class HFX_OT_generate_surface(ModalTimer, HfxOperator):
     requires = ((lambda context: running is None, "A material is being made"),)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        begun = self.reported(lambda: self._begin(context))
-        if begun != {"FINISHED"}:
-            return begun
+        self._begin(context)
         self.start_modal(context, _TICK_S)
         return {"RUNNING_MODAL"}
 

@@ -11,8 +11,7 @@ import bpy
 from bpy.props import EnumProperty
 
 from ...authoring.surfaces import surfaces
-from ...blender.translation import translated
-from ...errors import HfxError, InputError
+from ...errors import InputError
 from ...files import kinds
 from ...playback.live.live import live
 from .. import framing
@@ -46,15 +45,8 @@ class HFX_OT_stroke_pad(HfxOperator):
 
         obj, area = context.object, context.area
         if area is None or area.type not in ("VIEW_3D", "IMAGE_EDITOR"):
-            self.report(
-                {"ERROR"}, translated("Open the stroke pad from a 3D viewport or the Image Editor")
-            )
-            return {"CANCELLED"}
-        try:
-            self._pad = StrokePad(obj.name, surfaces.texture_of(obj))
-        except HfxError as error:
-            self.report({"ERROR"}, translated(str(error)))
-            return {"CANCELLED"}
+            raise InputError("Open the stroke pad from a 3D viewport or the Image Editor")
+        self._pad = StrokePad(obj.name, surfaces.texture_of(obj))
         settings = obj.hfx.surface
         self._screen = context.window.screen
         self._region = framing.views(area)[0]  # the last region of quad view

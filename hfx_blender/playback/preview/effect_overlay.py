@@ -150,10 +150,13 @@ def _draw_legend() -> None:
     blf.size(0, 11.0 * scale)
     bar, row = _BAR * scale, _ROW * scale
     _, right = drawing.free_part(context.area, context.region)
+    # An open asset shelf lies over the lower edge.
+    shelf = [part for part in context.area.regions if part.type.startswith("ASSET_SHELF")]
+    bottom = drawing.MARGIN + sum(part.height for part in shelf if part.height > 1)
     left = right - max(blf.dimensions(0, label)[0] for label, _ in entries)
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     for number, (label, colour) in enumerate(reversed(entries)):
-        low = drawing.MARGIN + number * row
+        low = bottom + number * row
         high, start = low + 0.6 * row, left - bar - 0.4 * row
         corners = [(start, low), (start + bar, low), (start, high), (start + bar, high)]
         content = {"pos": corners, "color": [(*colour, 0.0), (*colour, 1.0)] * 2}

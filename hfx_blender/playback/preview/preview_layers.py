@@ -161,7 +161,9 @@ class Preview:
             if self._scene is not None:
                 try:
                     self._layers = self._laid_over(self._scene, palette, recorded, frame)
-                except (HfxError, ReferenceError) as error:
+                except ReferenceError:
+                    pass  # an object was removed: the scene is described again after the drawing
+                except HfxError as error:
                     self.fault = str(error)
         return self._layers
 
@@ -201,7 +203,9 @@ class Preview:
                 unit_m = self._scene.objects.unit_m
                 self._discs = self._glow.discs(strengths, PALETTES[palette], unit_m, self._skins)
             return self._discs
-        except (HfxError, ReferenceError) as error:
+        except ReferenceError:  # as in `layers`
+            return []
+        except HfxError as error:
             self.fault, self._glow = str(error), None
             return []
 

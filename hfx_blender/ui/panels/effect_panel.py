@@ -236,7 +236,6 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
         row = layout.row(align=True)
         for action, label in (("grow", "Grow"), ("shrink", "Shrink"), ("smooth", "Smooth")):
             row.operator("hfx.area_filter", text=label).action = action
-        layout.operator_menu_enum("hfx.area_mirror", "action", icon="MOD_MIRROR")
 
 
 class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
@@ -251,6 +250,7 @@ class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
         row = layout.row(align=True)
         for action, label in (("invert", "Invert"), ("clear", "Clear")):
             row.operator("hfx.area_filter", text=label).action = action
+        layout.operator_menu_enum("hfx.area_mirror", "action", icon="MOD_MIRROR")
         column = layout.column(align=True)
         column.operator("hfx.area_from_selection", icon="RESTRICT_SELECT_OFF")
         column.operator("hfx.area_from_image", icon="IMAGE_DATA")

@@ -123,6 +123,12 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
 
     subject = staticmethod(active_effect)
 
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        row = self.layout.row(align=True)
+        row.scale_y = 0.9
+        row.prop(context.scene.hfx, "time_unit", expand=True)
+        row.separator()
+
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         row = layout.row(align=True)
@@ -131,7 +137,6 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         strips = clips.strips_of(effect)
         if strips:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
-        layout.row().prop(context.scene.hfx, "time_unit", expand=True)
         # A check of the scene rebuilds the rows after this drawing: their number may differ here.
         rows = zip(strips, context.window_manager.hfx_clips, strict=False)
         for number, ((_, strip), times) in enumerate(rows):

@@ -247,3 +247,13 @@ def test_the_list_of_effects_says_why_nothing_is_coloured(
     preview.content.describe(bpy.context)
     effects_panel.draw_preview_state(bpy.context, None)
     assert "compiled part" in texts[-1] and "Install" in texts[-1]
+
+
+def test_a_removed_object_is_no_fault_of_the_preview(shown: Preview) -> None:
+    bpy.ops.hfx.add_volume(modality="pressure", shape="SPHERE", location=(0.0, 0.0, 1.2))
+    bpy.context.view_layer.update()
+    shown.describe(bpy.context)
+    bpy.data.objects.remove(bpy.context.object)
+    shown.invalidate()
+    shown.layers("PAPER")  # drawn before the scene is described again
+    assert shown.fault == ""

@@ -286,10 +286,11 @@ def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None
     rows = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
     assert {"hfx_preview", "palette", "hfx_rows"} <= set(rows)
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
-    assert {"No clips: on for the whole timeline", "time_unit"} <= set(shown)
+    assert "No clips: on for the whole timeline" in shown
+    assert drawn(effects_panel.HFX_PT_clips.draw_header_preset, bpy.context) == ["time_unit"]
     bpy.ops.hfx.add_clip()
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
-    assert "time_unit" in shown and "repeat" not in shown
+    assert "hfx.copy_clips" in shown and "repeat" not in shown
     list_rows.refresh()
     shown = drawn(effects_panel.HFX_PT_clips.draw, bpy.context)
     assert {"start", "end", "fade_in", "fade_out", "repeat", "hfx.remove_clip"} <= set(shown)

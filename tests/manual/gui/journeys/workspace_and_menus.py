@@ -20,6 +20,9 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.add_haptic(h, hands.PAINTED_ROW, hands.MODALITIES.index("pressure"))
     yield from hands.fill_part(h, (1, 0))
 
+    if bpy.context.object.mode != "OBJECT":
+        yield from h.press_button("HFX_OT_paint_end")
+        yield 0.8
     yield from h.click(*WINDOW_MENU)
     yield 0.6
     rows = yield from h.menu()
@@ -29,13 +32,23 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(lambda: tab(h) == "HFX", "the HFX tab is open", 60)
     yield 0.5
     kinds = {area.type for area in h.window.screen.areas}
-    h.check({"VIEW_3D", "NLA_EDITOR"} <= kinds, f"a viewport and an NLA editor: {sorted(kinds)}")
-    viewport = h.area()
-    h.check(h.area("NLA_EDITOR").y < viewport.y, "the NLA editor is below the viewport")
-    h.check(h.region("UI").width > 150, "and in sight")
-    yield from h.press_button("HFX_OT_add_clip", "HEADER")  # the panel is out of sight
+    shown = {"VIEW_3D", "NLA_EDITOR", "DOPESHEET_EDITOR", "FILE_BROWSER"}
+    h.check(kinds == shown, f"viewport, clips, timeline and sensations: {sorted(kinds)}")
+    viewport, editor = h.area(), h.area("NLA_EDITOR")
+    h.check(editor.x + editor.width <= viewport.x + 4, "the clips are left of the viewport")
+    h.check(viewport.height > 0.9 * h.window.height, "the viewport has the full height")
+    h.check(h.region("UI").width > 150, "with the tab")
+    yield from h.press_button("HFX_OT_add_clip")
     yield 0.5
     h.shot("2_workspace.png")
+    for operator in ("HFX_OT_paint_begin", "HFX_OT_add_clip", "HFX_OT_remove_clip"):
+        yield from h.button(h.region("UI"), getattr(bpy.types, operator))
+    region = h.region("WINDOW", "DOPESHEET_EDITOR")
+    timeline_clips = hands.module("playback.timeline.timeline_clips")
+    row = timeline_clips._MOST_ROW
+    h.check(region.height >= timeline_clips._RULER + 5 * row, "five rows fit into the timeline")
+    params = h.area("FILE_BROWSER").spaces.active.params
+    h.check(params.asset_library_reference == "HFX Haptics", "the sensations are in view")
 
     effect = hands.effect("pressure")
     yield from h.move(*h.xy(h.region(), 0.3, 0.4))

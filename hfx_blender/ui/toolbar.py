@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tools in the toolbar of Object Mode that drag out effects; the asset shelf of sensations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..authoring.effects import effect_assets, effects
+from ..blender import compat
+from ..operators.effects.drag_operator import KINDS, HFX_OT_drag_effect
+
+_ICONS = (
+    "ops.mesh.primitive_sphere_add_gizmo",
+    "ops.mesh.primitive_cube_add_gizmo",
+    "ops.curve.radius",
+    "ops.transform.push_pull",
+)  # of the effects in KINDS
+
+
+def _tool(kind: str, label: str, description: str, icon: str) -> type:
+    """New tool of Object Mode that drags out an effect, described as in ``KINDS``."""
+
+    def draw_settings(_context: Any, layout: bpy.types.UILayout, tool: Any) -> None:
+        if kind != "WIND":
+            layout.prop(tool.operator_properties(HFX_OT_drag_effect.bl_idname), "modality")
+
+    press = {"type": "LEFTMOUSE", "value": "PRESS"}
+    attributes = {
+        "bl_space_type": "VIEW_3D",
+        "bl_context_mode": "OBJECT",
+        "bl_idname": f"hfx.drag_{kind.lower()}",
+        "bl_label": f"Haptic {label}",
+        "bl_description": description,
+        "bl_icon": icon,
+        "bl_cursor": "CROSSHAIR",
+        "bl_keymap": ((HFX_OT_drag_effect.bl_idname, press, {"properties": [("kind", kind)]}),),
+        "draw_settings": staticmethod(draw_settings),
+    }
+    return type(f"HfxDrag{kind.title()}", (bpy.types.WorkSpaceTool,), attributes)
+
+
+_TOOLS = [_tool(*kind, icon) for kind, icon in zip(KINDS, _ICONS, strict=True)]
+
+
+if compat.HAS_ASSET_SHELVES:
+
+    class HFX_AST_sensations(bpy.types.AssetShelf):
+        """Sensations below the viewport, to be dragged onto the body or into the scene"""
+
+        bl_idname = "HFX_AST_sensations"
+        bl_space_type = "VIEW_3D"
+
+        @classmethod
+        def poll(cls, context: bpy.types.Context) -> bool:
+            return context.mode == "OBJECT" and bool(effects.bodies_of(context.scene))
+
+        @classmethod
+        def asset_poll(cls, asset: bpy.types.AssetRepresentation) -> bool:
+            return asset.id_type == "OBJECT" and asset.metadata.author == effect_assets.AUTHOR
+
+
+def register() -> None:
+    after, is_first = "builtin.primitive_cube_add", True
+    for tool in _TOOLS:
+        bpy.utils.register_tool(tool, after={after}, separator=is_first, group=is_first)
+        after, is_first = tool.bl_idname, False
+
+
+def unregister() -> None:
+    for tool in reversed(_TOOLS):
+        bpy.utils.unregister_tool(tool)
