@@ -126,11 +126,11 @@ def place_along_parent_bone(obj: bpy.types.Object) -> float:
     return float(getattr(obj, "parent_bone_head_tail_factor", 1.0))
 
 
-def _brush_settings(context: bpy.types.Context) -> tuple[Any, bool]:
-    """Settings shared by brushes of Weight Paint, and True if their size is a diameter. Before 5.0
+def _brush_settings(context: bpy.types.Context, mode: str = "weight_paint") -> tuple[Any, bool]:
+    """Settings shared by brushes of a paint mode, and True if their size is a diameter. Before 5.0
     settings of the scene, and sizes are radii."""
     tools = context.tool_settings
-    unified = getattr(tools.weight_paint, "unified_paint_settings", None)
+    unified = getattr(getattr(tools, mode), "unified_paint_settings", None)
     return (tools.unified_paint_settings, False) if unified is None else (unified, True)
 
 
@@ -139,6 +139,13 @@ def set_brush_weight(context: bpy.types.Context, weight: float) -> None:
     unified, _ = _brush_settings(context)
     unified.weight = weight
     unified.use_unified_size = True
+
+
+def set_paint_colour(context: bpy.types.Context, colour: tuple[float, float, float]) -> None:
+    """Set the colour of Texture Paint's brushes, and let all brushes share a colour."""
+    unified, _ = _brush_settings(context, "image_paint")
+    unified.color = colour
+    unified.use_unified_color = True
 
 
 def brush_radius(context: bpy.types.Context) -> int:

@@ -378,6 +378,21 @@ class HFX_OT_area_from_image(_PaintedOperator):
         return _covers(effect, _blend(effect, weights, self.blend))
 
 
+class HFX_OT_area_atlas(_PaintedOperator):
+    """Paint the area on a picture of the unrolled body in the Image Editor. The picture and the
+    area stay linked"""
+
+    bl_label = "Paint in 2D"
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...authoring import atlas_pictures
+
+        image = atlas_pictures.picture_of(painted_effect(context))
+        if not bpy.app.background:
+            paint_view.show_picture(context, image)
+        return f"Paint on '{image.name}' in the Image Editor"
+
+
 class HFX_OT_area_from_selection(_PaintedOperator):
     """Set the area from the selected vertices of the painted mesh or of the avatar's meshes"""
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
+from functools import partial
 from typing import Any, ClassVar
 
 import bpy
@@ -136,6 +137,29 @@ def set_weight_colours(colour: tuple[float, ...] | None) -> None:
     # Last: only the switch updates the colours of the viewport.
     view.use_weight_color_range = colour is not None
     preferences.is_dirty = is_dirty
+
+
+def show_picture(context: bpy.types.Context, image: bpy.types.Image) -> None:
+    """Show an image in Paint mode in the largest Image Editor, or in half of the viewport; paint
+    with white. No effect without either."""
+    areas = [area for area in context.screen.areas if area.type == "IMAGE_EDITOR"]
+    viewport = framing.viewport(context)
+    if not areas and viewport is not None:
+        with context.temp_override(area=viewport, region=framing.views(viewport)[-1]):
+            bpy.ops.screen.area_split(direction="VERTICAL", factor=0.5)
+        areas = [context.screen.areas[-1]]
+        areas[0].type = "IMAGE_EDITOR"
+    for area in areas[:1]:
+        space = area.spaces.active
+        space.image, space.ui_mode = image, "PAINT"
+        compat.set_paint_colour(context, (1.0, 1.0, 1.0))
+        call_soon(partial(_frame_picture, context.window, area), 0.2)
+
+
+def _frame_picture(window: bpy.types.Window, area: bpy.types.Area) -> None:
+    """View all of an Image Editor's image; by a timer, after Blender has updated the sizes."""
+    with bpy.context.temp_override(window=window, area=area, region=framing.views(area)[-1]):
+        bpy.ops.image.view_all(fit_view=True)
 
 
 class SceneBrush:

@@ -232,6 +232,7 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
         else:
             row.operator("hfx.paint_end", icon="CHECKMARK")
             layout.prop(canvas.data, "use_mirror_x", text="Paint Both Sides", icon="MOD_MIRROR")
+        layout.operator("hfx.area_atlas", icon="UV")
         layout.operator_menu_enum("hfx.fill_part", "part", icon="MOD_ARMATURE")
         row = layout.row(align=True)
         for action, label in (("grow", "Grow"), ("shrink", "Shrink"), ("smooth", "Smooth")):

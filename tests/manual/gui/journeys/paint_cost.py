@@ -27,17 +27,8 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.add_avatar(h)
     yield from hands.add_haptic(h, hands.PAINTED_ROW, hands.MODALITIES.index("pressure"))
     yield from h.until(lambda: bpy.context.mode == "PAINT_WEIGHT", "painting begins", 20)
-    updated: set[str] = set()
-
-    def note(_scene: Any, graph: Any) -> None:
-        updated.update(type(update.id).__name__ for update in graph.updates)
-
-    bpy.app.handlers.depsgraph_update_post.append(note)
     yield 3.0
-    updated.clear()
     with_addon = yield from strokes_s(h)
-    bpy.app.handlers.depsgraph_update_post.remove(note)
-    h.check(updated <= {"Object", "Mesh", "Key"}, f"strokes change the mesh alone: {updated}")
     h.shot("1_with.png")
     canvas = bpy.context.object
     copy = canvas.copy()
@@ -70,14 +61,22 @@ def steps(h: Any) -> Iterator[float]:
 def strokes_s(h: Any) -> Iterator[float]:
     """Processor seconds of each of some strokes across the chest, the first left out."""
     x, y = h.xy_of((0.0, -0.1, HEIGHT_M))
-    durations_s = []
+    durations_s, updated = [], set()
+
+    def note(_scene: Any, graph: Any) -> None:
+        updated.update(type(update.id).__name__ for update in graph.updates)
+
+    handlers = bpy.app.handlers.depsgraph_update_post
     for _ in range(STROKES + 1):
         yield from h.move(x - 40, y)
         yield 0.5
+        handlers.append(note)
         begun_s = time.thread_time()
         yield from h.drag([(x + step, y) for step in range(-40, 41, 4)])
         yield AFTER_S
         durations_s.append(time.thread_time() - begun_s)
+        handlers.remove(note)
         yield from h.key("ctrl+z")
         yield 0.8
+    h.check(updated <= {"Object", "Mesh", "Key"}, f"strokes change the mesh alone: {updated}")
     return durations_s[1:]

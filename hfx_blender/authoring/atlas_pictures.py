@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Atlas pictures of painted effects: weights as texels for 2D painting, linked both ways.
+
+A texel of a vertex has the colour of the effect times the weight; its brightest channel is the
+weight. The picture is an image of the file, which the Image Editor and other programs change.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+
+import bpy
+import numpy as np
+
+from ..blender.events import call_soon, push_undo_soon
+from ..engine.arrays import F64
+from ..engine.body import atlas
+from ..errors import InputError
+from . import painting, volumes
+from .effects import effects
+
+EFFECT, MODEL = "hfx_atlas_effect", "hfx_atlas_model"
+"""ID properties of a picture: its effect and the id of the effect's model."""
+
+_POLL_S = 0.3
+_synced: dict[int, F64] = {}  # levels 0..255 (V,) last equal on both sides, by session uid
+_changed_s = 0.0  # time of the last change of an effect or canvas
+_read_s = 0.0  # time of the last comparison
+
+
+def pictures() -> list[bpy.types.Image]:
+    """Atlas pictures of existing effects."""
+    return [image for image in bpy.data.images if image.get(EFFECT) is not None]
+
+
+def picture_of(effect: bpy.types.Object) -> bpy.types.Image:
+    """Picture of an effect with the present weights, added if missing, resized for another model.
+    Raises InputError: the canvas was edited, or the stored area is invalid."""
+    model_id = effects.model_id_for(effect.hfx.modality)
+    _, size = atlas.texels(model_id)
+    image = next((image for image in pictures() if image[EFFECT] == effect), None)
+    if image is None:
+        image = bpy.data.images.new(f"{effect.name} Atlas", *size, alpha=True)
+        image.colorspace_settings.name = "Non-Color"
+        image.use_fake_user = True
+    image[EFFECT], image[MODEL] = effect, model_id
+    if tuple(image.size) != size:
+        image.scale(*size)
+    _write(image, _levels(painting.weights_of(effect)))
+    watch()
+    return image
+
+
+def sync(image: bpy.types.Image) -> None:
+    """Apply the changes of one side to the other; weights win where both changed. No effect for a
+    picture of another model or size. Raises InputError: the canvas was edited, or the stored area
+    is invalid."""
+    effect, shown = image[EFFECT], _shown(image)
+    if shown is None:
+        return
+    weights = painting.weights_of(effect)
+    levels = _levels(weights)
+    if not np.array_equal(levels, _synced.get(image.session_uid, levels)):
+        _write(image, levels)
+        return
+    is_painted = shown != levels
+    _synced[image.session_uid] = shown
+    if is_painted.any():
+        weights[is_painted] = shown[is_painted] / 255.0
+        painting.set_weights(effect, weights)
+        push_undo_soon()
+
+
+def sync_all() -> None:
+    """Synchronize all pictures, and pack those without a file, before the .blend is saved."""
+    for image in pictures():
+        with suppress(InputError):  # an edited canvas is reported when painting is finished
+            sync(image)
+        if image.is_dirty and not image.filepath:
+            image.pack()
+
+
+def note_change() -> None:
+    """Have the weights compared in a third of a second, unless they change again."""
+    global _changed_s
+    _changed_s = time.monotonic()
+
+
+def watch() -> None:
+    """Compare pictures and weights from now on; no effect in background mode."""
+    note_change()
+    if not bpy.app.background and pictures():
+        call_soon(_poll, _POLL_S)
+
+
+def _poll() -> float | None:
+    """Timer: synchronize changed pictures and, after a pause, changed weights; None without any
+    picture."""
+    global _read_s
+    now_s = time.monotonic()
+    # Reading weights of a canvas takes 20 ms: not during a stroke.
+    are_weights_due = _read_s < _changed_s < now_s - _POLL_S
+    for image in pictures():
+        shown = _shown(image)
+        is_painted = not np.array_equal(shown, _synced.get(image.session_uid))
+        if shown is not None and (is_painted or are_weights_due):
+            with suppress(InputError):
+                sync(image)
+    _read_s = now_s if are_weights_due else _read_s
+    return _POLL_S if pictures() else None
+
+
+def _levels(weights: F64) -> F64:
+    return np.asarray(np.round(weights * 255.0))
+
+
+def _shown(image: bpy.types.Image) -> F64 | None:
+    """Levels 0..255 (V,) in a picture; None for a picture of another model or size."""
+    if image[MODEL] != effects.model_id_for(image[EFFECT].hfx.modality):
+        return None
+    cells, size = atlas.texels(image[MODEL])
+    if tuple(image.size) != size:
+        return None
+    pixels = _pixels(image)[cells[:, 1], cells[:, 0], :3]
+    return np.asarray(np.round(pixels.max(axis=1).clip(0.0, 1.0) * 255.0), np.float64)
+
+
+def _pixels(image: bpy.types.Image) -> np.ndarray:
+    pixels = np.empty(len(image.pixels), np.float32)
+    image.pixels.foreach_get(pixels)
+    return pixels.reshape(image.size[1], image.size[0], -1)
+
+
+def _write(image: bpy.types.Image, levels: F64) -> None:
+    """Set the texels of all vertices; other texels become transparent."""
+    colour = np.array(volumes.effect_colour(image[EFFECT].hfx, bpy.context.scene.hfx.palette)[:3])
+    cells, (width, height) = atlas.texels(image[MODEL])
+    pixels = np.zeros((height, width, 4), np.float32)
+    pixels[cells[:, 1], cells[:, 0], :3] = levels[:, None] / 255.0 * (colour / colour.max())
+    pixels[cells[:, 1], cells[:, 0], 3] = 1.0
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
+    _synced[image.session_uid] = levels

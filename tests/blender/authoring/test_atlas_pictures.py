@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Atlas of a model, and the picture that stays linked with a painted area."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from hfx_blender.authoring import atlas_pictures, painting
+from hfx_blender.authoring.effects import effects
+from hfx_blender.engine.body import atlas
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.body.parts import PARTS
+
+MODEL = "hfx-pressure-1"
+
+
+@pytest.fixture
+def effect(scene: Any) -> Any:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_painted(modality="pressure")
+    return bpy.context.object
+
+
+def pixels_of(image: Any) -> np.ndarray:
+    pixels = np.array(image.pixels[:], np.float32)
+    return pixels.reshape(image.size[1], image.size[0], 4)
+
+
+def paint(image: Any, cells: np.ndarray, colour: tuple[float, ...]) -> None:
+    """A stroke of the Image Editor."""
+    pixels = pixels_of(image)
+    pixels[cells[:, 1], cells[:, 0], : len(colour)] = colour
+    image.pixels[:] = pixels.ravel().tolist()
+
+
+@pytest.mark.parametrize("model_id", [MODEL, "hfx-vibration-1", "hfx-temperature-1"])
+def test_each_vertex_has_a_texel_near_those_of_its_neighbours(model_id: str) -> None:
+    model = load_model(model_id)
+    cells, (width, height) = atlas.texels(model_id)
+    assert len(np.unique(cells @ [1, width])) == len(model)
+    assert (cells >= 0).all() and (cells < (width, height)).all()
+    edges = model.triangles[:, :2]
+    apart = np.abs(cells[edges[:, 0]] - cells[edges[:, 1]]).max(axis=1)
+    assert np.median(apart) <= 2
+
+
+def test_the_atlas_stands_as_the_body_seen_from_outside() -> None:
+    """On the chest the wearer's left is at the right, and higher skin is higher."""
+    model = load_model(MODEL)
+    cells, _ = atlas.texels(MODEL)
+    chest = (model.part == PARTS.index("torso")) & (model.normals[:, 1] < -0.9)
+    chest &= (model.vertices[:, 2] > 1.2) & (model.vertices[:, 2] < 1.3)
+    assert np.corrcoef(model.vertices[chest, 0], cells[chest, 0])[0, 1] > 0.9
+    assert np.corrcoef(model.vertices[chest, 2], cells[chest, 1])[0, 1] > 0.9
+    head, foot = (model.part == PARTS.index(part) for part in ("head", "foot_sole"))
+    assert cells[head, 1].min() > cells[foot, 1].max()
+
+
+@pytest.mark.parametrize("while_painting", [False, True])
+def test_weights_and_texels_follow_one_another(effect: Any, while_painting: bool) -> None:
+    if while_painting:
+        bpy.ops.hfx.paint_begin()
+    effects.set_area(effect, [], [])
+    painting.set_weights(effect, np.eye(1, len(load_model(MODEL)), 3)[0] * 0.123456)
+    bpy.ops.hfx.area_atlas()
+    (image,) = atlas_pictures.pictures()
+    cells, size = atlas.texels(MODEL)
+    assert tuple(image.size) == size
+    red, green, blue, alpha = pixels_of(image)[cells[3, 1], cells[3, 0]]
+    # Pressure is green in the palette of the paper: 0.123456 is 31 of 255.
+    assert (round(float(green) * 255), red < green, blue < green, alpha) == (31, True, True, 1.0)
+    paint(image, cells[[7, 9]], (1.0, 1.0, 1.0, 1.0))
+    atlas_pictures.sync(image)
+    weights = painting.weights_of(effect)
+    # Untouched weights keep all of their digits.
+    assert np.flatnonzero(weights).tolist() == [3, 7, 9]
+    assert weights[3] == pytest.approx(0.123456, abs=1e-6) and weights[7] == 1.0
+    painting.set_weights(effect, np.zeros(len(weights)))
+    atlas_pictures.sync(image)
+    assert pixels_of(image)[..., :3].max() == 0.0
+    if while_painting:
+        bpy.ops.hfx.paint_end()
+    assert effects.area(effect) == ([], [])
+
+
+def test_the_picture_is_saved_with_the_file_and_stays_linked(effect: Any, tmp_path: Path) -> None:
+    bpy.ops.hfx.area_atlas()
+    (image,) = atlas_pictures.pictures()
+    cells, _ = atlas.texels(MODEL)
+    paint(image, cells[[5]], (1.0, 1.0, 1.0))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
+    assert effects.area(effect) == ([5], [1.0])  # painted just before saving
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    (image,) = atlas_pictures.pictures()
+    paint(image, cells[[6]], (0.2, 0.6, 0.2))
+    atlas_pictures.sync(image)
+    vertices, weights = effects.area(image[atlas_pictures.EFFECT])
+    assert vertices == [5, 6] and weights == pytest.approx([1.0, 0.6], abs=1e-6)
+
+
+def test_another_modality_has_another_picture(effect: Any) -> None:
+    bpy.ops.hfx.area_atlas()
+    (image,) = atlas_pictures.pictures()
+    effect.hfx.modality = "temperature"
+    atlas_pictures.sync(image)  # of the model before: nothing
+    bpy.ops.hfx.area_atlas()
+    assert atlas_pictures.pictures() == [image]
+    assert tuple(image.size) == atlas.texels("hfx-temperature-1")[1]
