@@ -260,7 +260,7 @@ typedef struct hfx_felt { /* a volume or a painted area on a body */
 
 typedef struct hfx_chunk { /* places of its vertices, the last of a model repeated to fill it */
   float x[HFX_CHUNK], y[HFX_CHUNK], z[HFX_CHUNK];
-  uint32_t frame; /* in which it was posed */
+  uint32_t frame, unused[3]; /* frame: in which it was posed */
 } hfx_chunk;
 
 typedef struct hfx_pull { /* of a bone on HFX_LANES vertices */
@@ -271,7 +271,7 @@ typedef struct hfx_pull { /* of a bone on HFX_LANES vertices */
 typedef struct hfx_rest { /* a chunk in rest space */
   float x[HFX_CHUNK], y[HFX_CHUNK], z[HFX_CHUNK];
   uint32_t first[HFX_CHUNK / HFX_LANES + 1]; /* pull of each HFX_LANES vertices; where they end */
-  uint32_t first_bone, end_bone;             /* of hfx_body.chunk_bones */
+  uint32_t first_bone, end_bone, unused;     /* of hfx_body.chunk_bones */
 } hfx_rest;
 
 typedef struct hfx_lanes { /* a 3 x 4 matrix, each number once for each lane */
@@ -280,7 +280,7 @@ typedef struct hfx_lanes { /* a 3 x 4 matrix, each number once for each lane */
 
 typedef struct hfx_boxes { /* of as many chunks */
   hfx_chunk centre, half; /* where vertices may have moved to since they were posed */
-  float low[3], high[3];  /* corners of a box round all in this frame */
+  float low[4], high[4];  /* corners of a box round all in this frame */
 } hfx_boxes;
 
 typedef struct hfx_bone_pose {
@@ -290,13 +290,13 @@ typedef struct hfx_bone_pose {
 } hfx_bone_pose;
 
 typedef struct hfx_near { /* a chunk within reach of a volume */
-  uint32_t chunk;
-  float least_m, away_m[HFX_CHUNK]; /* distances of its vertices, for proximity alone */
+  float away_m[HFX_CHUNK], least_m; /* distances of its vertices, for proximity alone */
+  uint32_t chunk, unused[2];
 } hfx_near;
 
 typedef struct hfx_reach { /* factors of an actuator for the vertices of a chunk */
-  uint32_t chunk;
-  float most, factors[HFX_CHUNK]; /* most: the largest */
+  float factors[HFX_CHUNK], most; /* most: the largest */
+  uint32_t chunk, unused[2];
 } hfx_reach;
 
 typedef struct hfx_reaction {
@@ -394,8 +394,11 @@ HFX_API double hfx_body_level(const hfx_body *self, uint32_t effect);
 #include "hfx_volume.h"
 #include "hfx_skin.h"
 #include "hfx_touch.h"
+#include "hfx_filters.h"
+#include "hfx_impact.h"
 #include "hfx_response.h"
 #include "hfx_paint.h"
+#include "hfx_memory.h"
 #include "hfx_body.h"
 
 #endif

@@ -103,6 +103,21 @@ static inline float hfx_largest(const float *values) {
   return most[0];
 }
 
+/* Largest product of the numbers of two chunks, 0 or more. */
+static inline float hfx_largest_product(const float *one, const float *other) {
+  float most[HFX_LANES] = {0.0f};
+  int k, i;
+  for (k = 0; k < HFX_CHUNK; k += HFX_LANES) {
+    HFX_KEEP_LOOP
+    for (i = 0; i < HFX_LANES; i++) {
+      const float product = one[k + i] * other[k + i];
+      most[i] = product > most[i] ? product : most[i];
+    }
+  }
+  for (i = 1; i < HFX_LANES; i++) most[0] = most[i] > most[0] ? most[i] : most[0];
+  return most[0];
+}
+
 /* Smallest of the numbers of a chunk, leaving out NaN. */
 static inline float hfx_smallest(const float *values) {
   float least[HFX_LANES];

@@ -70,7 +70,7 @@ def package(core: bytes) -> str:
 
 
 def compiled() -> bytes:
-    """The core as a WebAssembly module without imports."""
+    """The core as a WebAssembly module; its imports are four functions of JavaScript's Math."""
     with tempfile.TemporaryDirectory() as name:
         target = Path(name, "hfx.wasm")
         options = f"{TARGET} {WARNINGS} {LINKING}".split()

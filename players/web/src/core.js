@@ -16,7 +16,7 @@ let compiled; // promise of the module, compiled once for all clips
 export class Core {
   static async make() {
     compiled ??= WebAssembly.compile(Uint8Array.from(atob(WASM), (letter) => letter.charCodeAt(0)));
-    return new Core(await WebAssembly.instantiate(await compiled));
+    return new Core(await WebAssembly.instantiate(await compiled, { math: Math }));
   }
 
   #end;
