@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: MIT
  *
- * Filters that have a value for each vertex: proximity, distance and sine over space. Included by hfx_player.h. */
+ * Filters that have a value for each vertex: proximity, distance and sine over space. Included by
+ * hfx_player.h. */
 #ifndef HFX_FILTERS_H
 #define HFX_FILTERS_H
 

@@ -75,7 +75,8 @@ static inline uint64_t hfx_parts_of(const hfx_clip *clip, uint32_t body, const h
   for (k = 0; k < hfx_u32(at + 16); k++) {
     const uint32_t count = hfx_chunks_of(clip, hfx_u32(at + 12) + k);
     chunks += count;
-    hfx_count_bones(clip, hfx_record(clip, HFX_MODL, hfx_u32(at + 12) + k), &linked, &pulls);
+    hfx_count_bones(clip, hfx_record(clip, HFX_MODL, hfx_u32(at + 12) + k), hfx_u32(at + 8),
+                    &linked, &pulls);
     if (count > largest) largest = count;
   }
   for (k = 0; k < reactions; k++) {

@@ -96,11 +96,11 @@ static inline uint32_t hfx_chunk_count(uint32_t vertices) {
 
 /* Adds the numbers of bones of all chunks of a model, and of pulls on all of its vertices. */
 static inline void hfx_count_bones(const hfx_clip *clip, const unsigned char *model,
-                                   uint64_t *bones, uint64_t *pulls) {
+                                   uint32_t still, uint64_t *bones, uint64_t *pulls) {
   uint32_t i;
   for (i = 0; i < HFX_CHUNK * hfx_chunk_count(hfx_u32(model + 16)); i += HFX_LANES) {
-    *pulls += hfx_find_bones(clip, model, i, HFX_LANES, 0, NULL, NULL);
-    if (i % HFX_CHUNK == 0) *bones += hfx_find_bones(clip, model, i, HFX_CHUNK, 0, NULL, NULL);
+    *pulls += hfx_find_bones(clip, model, i, HFX_LANES, still, NULL, NULL);
+    if (i % HFX_CHUNK == 0) *bones += hfx_find_bones(clip, model, i, HFX_CHUNK, still, NULL, NULL);
   }
 }
 

@@ -11,15 +11,18 @@ from walkers import RESPONSES
 from hfx_blender.formats.clip.container import RECORDS, Texts, encoded, records
 
 
-def write_small_clip(folder: Path, name: str = "walk") -> Path:
-    """Write a clip with one actuator, and a body of 40 vertices among four volumes."""
+def write_small_clip(folder: Path, name: str = "walk", *, all_move: bool = True) -> Path:
+    """Write a clip with one actuator, and a body of 40 vertices among four volumes; each vertex has
+    two bones, or every eighth has none."""
     texts, text = Texts(), ""
     text = texts.add
     random = np.random.default_rng(len(name))
     rest = np.eye(4, dtype=np.float32)[:3].ravel()
     model, places = text("hfx-pressure-1"), random.uniform(-1.0, 1.0, (40, 3))
-    vertices = records("VERT", [(position, k, 2 * k, 2) for k, position in enumerate(places)])
-    skin = records("WGHT", [(k % 2, 25535 + 14465 * (k % 2)) for k in range(80)])
+    moved = (np.arange(40) % 8 != 5) | all_move
+    first = 2 * (np.cumsum(moved) - moved)
+    vertices = records("VERT", [(places[k], k, first[k], 2 * moved[k]) for k in range(40)])
+    skin = records("WGHT", [(k % 2, 25535 + 14465 * (k % 2)) for k in range(2 * moved.sum())])
     filters = [
         ("distance speed impact proximity sine".split().index(item.kind), 
          ("multiply", "add", "maximum").index(item.operation),

@@ -112,10 +112,12 @@ def test_clips_bodies_and_pulses_are_as_expected_in_a_browser(built: Path) -> No
 
 
 def test_the_core_needs_nothing_and_each_page_is_one_file(built: Path) -> None:
-    """The module has no imports, and the pages name no other file or address."""
+    """The module imports Math alone, and the pages name no other file or address."""
     script = (built / "hfx.js").read_text()
-    size = len(re.search(r'const WASM = "([^"]+)"', script)[1]) * 3 // 4  # type: ignore[index]
-    assert 20_000 < size < 80_000
+    core = base64.b64decode(re.search(r'const WASM = "([^"]+)"', script)[1])  # type: ignore[index]
+    assert 20_000 < len(core) <= 56_000
+    assert core.count(b"\x04math") == 4
+    assert b"wasi_snapshot" not in core and b"\x03env" not in core
     assert "import " not in script
     pages = [path.read_text() for path in built.glob("*.html")]
     assert len(pages) == 2

@@ -38,12 +38,9 @@ def main() -> int:
         source = (Path(__file__).parent / "fuzz.c").read_text(encoding="utf-8")
         program = compiled(source, Path(name, "fuzz"), _SANITIZERS, *_STRICT)
         by_hand = sorted((ROOT / "players/conformance/behaviour").glob("*.hfxclip"))
-        clips = [
-            *known[:6],
-            *by_hand,
-            write_small_clip(Path(name)),
-            write_small_clip(Path(name), "walk2"),
-        ]
+        small = [write_small_clip(Path(name), item) for item in ("walk", "walk2")]
+        small.append(write_small_clip(Path(name), "still", all_move=False))
+        clips = [*known[:6], *by_hand, *small]
         while totals["inputs"] < options.inputs:
             seed = totals["inputs"] // _SLICE + 1
             count = min(_SLICE, options.inputs - totals["inputs"])
