@@ -385,7 +385,7 @@ def felt_lines(report: ExportReport) -> tuple[str, ...]:
 
 
 def unfelt_lines(report: ExportReport) -> tuple[str, ...]:
-    """Lines on effects that no body feels: one line per reason, with all names."""
+    """Lines on effects without samples on any body: one line per reason, with all names."""
     reasons: dict[str, list[str]] = {}
     for line in report.effects:
         if not line["felt"]:

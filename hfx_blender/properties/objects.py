@@ -235,7 +235,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     group: _overridable(
         StringProperty, "Group", "Effects of a group share an expandable row of the list"
     )
-    # Equal on all effects of a group; without keyframes, which each effect would need.
+    # Equal on all effects of a group. Not animatable: each effect would need the keyframes.
     is_group_muted: _overridable(
         BoolProperty, "Mute Group", "Disable all effects of the group", options=set()
     )
