@@ -164,7 +164,7 @@ def enter_several(
 ) -> Iterator[float]:
     """Drag over neighbouring number fields and type a value for all of them."""
     middle = (first[0], 0.5 * (first[1] + last[1]))
-    yield from h.drag([first, middle, last], step=0.15)
+    yield from h.drag([first, middle, (first[0], last[1])], step=0.3)
     yield 0.4
     yield from h.key("ctrl+a")
     yield from h.text(value)

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import hands
 
-FIRST_FILE = (60, 34)  # pixels from the upper left corner of a vertical list of files
+FIRST_FILE = (60, 42)  # pixels from the upper left corner of a vertical list of files
 
 
 def steps(h: Any) -> Iterator[float]:
@@ -31,6 +31,8 @@ def steps(h: Any) -> Iterator[float]:
 
     area = h.area("PROPERTIES")
     area.ui_type = "FILES"
+    yield 1.0
+    area.spaces.active.show_region_toolbar = False
     yield 1.0
     for path, kinds in ((effect, ["wind"]), (ahap, ["vibration", "wind"])):
         yield from hands.go_to(h, 25)
