@@ -9,24 +9,25 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import bpy
-import numpy as np
+from bpy.app.handlers import persistent
 
 from ..blender.events import call_soon, push_undo_soon
-from ..engine.arrays import F64
-from ..engine.body import atlas
 from ..errors import InputError
 from . import painting, volumes
 from .effects import effects
+
+if TYPE_CHECKING:
+    from ..engine.arrays import F64
 
 EFFECT, MODEL = "hfx_atlas_effect", "hfx_atlas_model"
 """ID properties of a picture: its effect and the id of the effect's model."""
 
 _POLL_S = 0.3
 _synced: dict[int, F64] = {}  # levels 0..255 (V,) last equal on both sides, by session uid
-_changed_s = 0.0  # time of the last change of an effect or canvas
-_read_s = 0.0  # time of the last comparison
+_times_s = {"changed": 0.0, "read": 0.0}  # last change of an effect or canvas, last comparison
 
 
 def pictures() -> list[bpy.types.Image]:
@@ -37,7 +38,9 @@ def pictures() -> list[bpy.types.Image]:
 def picture_of(effect: bpy.types.Object) -> bpy.types.Image:
     """Picture of an effect with the present weights, added if missing, resized for another model.
     Raises InputError: the canvas was edited, or the stored area is invalid."""
-    model_id = effects.model_id_for(effect.hfx.modality)
+    from ..engine.body import atlas
+
+    weights, model_id = painting.weights_of(effect), effects.model_id_for(effect.hfx.modality)
     _, size = atlas.texels(model_id)
     image = next((image for image in pictures() if image[EFFECT] == effect), None)
     if image is None:
@@ -47,7 +50,7 @@ def picture_of(effect: bpy.types.Object) -> bpy.types.Image:
     image[EFFECT], image[MODEL] = effect, model_id
     if tuple(image.size) != size:
         image.scale(*size)
-    _write(image, _levels(painting.weights_of(effect)))
+    _write(image, weights)
     watch()
     return image
 
@@ -56,16 +59,18 @@ def sync(image: bpy.types.Image) -> None:
     """Apply the changes of one side to the other; weights win where both changed. No effect for a
     picture of another model or size. Raises InputError: the canvas was edited, or the stored area
     is invalid."""
+    import numpy as np
+
     effect, shown = image[EFFECT], _shown(image)
     if shown is None:
         return
     weights = painting.weights_of(effect)
-    levels = _levels(weights)
+    levels = np.round(weights * 255.0)
     if not np.array_equal(levels, _synced.get(image.session_uid, levels)):
-        _write(image, levels)
+        _write(image, weights)
         return
-    is_painted = shown != levels
     _synced[image.session_uid] = shown
+    is_painted = shown != levels
     if is_painted.any():
         weights[is_painted] = shown[is_painted] / 255.0
         painting.set_weights(effect, weights)
@@ -81,15 +86,11 @@ def sync_all() -> None:
             image.pack()
 
 
-def note_change() -> None:
-    """Have the weights compared in a third of a second, unless they change again."""
-    global _changed_s
-    _changed_s = time.monotonic()
-
-
-def watch() -> None:
-    """Compare pictures and weights from now on; no effect in background mode."""
-    note_change()
+@persistent
+def watch(*_: object) -> None:
+    """Compare pictures with weights soon, and from now on; no effect in background mode. Handler of
+    loading, undo and redo; also called after changes of effects and canvases."""
+    _times_s["changed"] = time.monotonic()
     if not bpy.app.background and pictures():
         call_soon(_poll, _POLL_S)
 
@@ -97,47 +98,47 @@ def watch() -> None:
 def _poll() -> float | None:
     """Timer: synchronize changed pictures and, after a pause, changed weights; None without any
     picture."""
-    global _read_s
+    import numpy as np
+
     now_s = time.monotonic()
     # Reading weights of a canvas takes 20 ms: not during a stroke.
-    are_weights_due = _read_s < _changed_s < now_s - _POLL_S
+    are_weights_due = _times_s["read"] < _times_s["changed"] < now_s - _POLL_S
     for image in pictures():
         shown = _shown(image)
-        is_painted = not np.array_equal(shown, _synced.get(image.session_uid))
-        if shown is not None and (is_painted or are_weights_due):
+        if are_weights_due or not np.array_equal(shown, _synced.get(image.session_uid)):
             with suppress(InputError):
                 sync(image)
-    _read_s = now_s if are_weights_due else _read_s
+    if are_weights_due:
+        _times_s["read"] = now_s
     return _POLL_S if pictures() else None
-
-
-def _levels(weights: F64) -> F64:
-    return np.asarray(np.round(weights * 255.0))
 
 
 def _shown(image: bpy.types.Image) -> F64 | None:
     """Levels 0..255 (V,) in a picture; None for a picture of another model or size."""
-    if image[MODEL] != effects.model_id_for(image[EFFECT].hfx.modality):
-        return None
+    import numpy as np
+
+    from ..engine.body import atlas
+    from .surfaces.image_values import pixels_of
+
     cells, size = atlas.texels(image[MODEL])
-    if tuple(image.size) != size:
+    model_id = effects.model_id_for(image[EFFECT].hfx.modality)
+    if tuple(image.size) != size or image[MODEL] != model_id:
         return None
-    pixels = _pixels(image)[cells[:, 1], cells[:, 0], :3]
-    return np.asarray(np.round(pixels.max(axis=1).clip(0.0, 1.0) * 255.0), np.float64)
+    brightest = pixels_of(image)[cells[:, 1], cells[:, 0], :3].max(axis=1)
+    return np.asarray(np.round(brightest.clip(0.0, 1.0) * 255.0), np.float64)
 
 
-def _pixels(image: bpy.types.Image) -> np.ndarray:
-    pixels = np.empty(len(image.pixels), np.float32)
-    image.pixels.foreach_get(pixels)
-    return pixels.reshape(image.size[1], image.size[0], -1)
-
-
-def _write(image: bpy.types.Image, levels: F64) -> None:
+def _write(image: bpy.types.Image, weights: F64) -> None:
     """Set the texels of all vertices; other texels become transparent."""
-    colour = np.array(volumes.effect_colour(image[EFFECT].hfx, bpy.context.scene.hfx.palette)[:3])
+    import numpy as np
+
+    from ..engine.body import atlas
+
+    colour = np.array(volumes.effect_colour(image[EFFECT].hfx, bpy.context.scene.hfx.palette))
+    levels = np.round(weights * 255.0)
     cells, (width, height) = atlas.texels(image[MODEL])
     pixels = np.zeros((height, width, 4), np.float32)
-    pixels[cells[:, 1], cells[:, 0], :3] = levels[:, None] / 255.0 * (colour / colour.max())
+    pixels[cells[:, 1], cells[:, 0]] = levels[:, None] / 255.0 * (colour / colour[:3].max())
     pixels[cells[:, 1], cells[:, 0], 3] = 1.0
     image.pixels.foreach_set(pixels.ravel())
     image.update()

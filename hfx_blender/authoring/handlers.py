@@ -16,7 +16,7 @@ from bpy.app.handlers import persistent
 
 from ..blender.events import add_handlers, remove_handlers
 from ..blender.stored_values import stored_at
-from . import drawn_fades, painting
+from . import atlas_pictures, drawn_fades, painting
 from .effects import effects, model_migration
 from .surfaces import surface_updates
 
@@ -28,10 +28,7 @@ def _before_saving(*_: object) -> None:
     effects.store_unique_ids()
     effects.store_body_names(_effects())
     painting.store_all_painted()
-    if _pictures():
-        from . import atlas_pictures
-
-        atlas_pictures.sync_all()
+    atlas_pictures.sync_all()
 
 
 @persistent
@@ -40,21 +37,13 @@ def _after_loading(*_: object) -> None:
     if names:
         _log.info("areas transferred to the present body models: %s", ", ".join(names))
     effects.store_body_names(_effects())  # for files of versions without names
-    _watch_pictures()
-
-
-@persistent
-def _watch_pictures(*_: object) -> None:
-    if _pictures():
-        from . import atlas_pictures
-
-        atlas_pictures.watch()
+    atlas_pictures.watch()
 
 
 @persistent
 def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if depsgraph.id_type_updated("OBJECT"):
-        _watch_pictures()
+        atlas_pictures.watch()
     for update in depsgraph.updates:
         if isinstance(update.id, bpy.types.Object):
             # Updates name evaluated copies.
@@ -70,11 +59,6 @@ def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
                 effects.store_body_names([changed])
 
 
-def _pictures() -> bool:
-    """Test for atlas pictures of painted effects, without importing numpy."""
-    return any("hfx_atlas_effect" in image for image in bpy.data.images)
-
-
 def _effects() -> Iterator[bpy.types.Object]:
     return (obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT")
 
@@ -82,8 +66,8 @@ def _effects() -> Iterator[bpy.types.Object]:
 _HANDLERS = {
     "save_pre": _before_saving,
     "load_post": _after_loading,
-    "undo_post": _watch_pictures,
-    "redo_post": _watch_pictures,
+    "undo_post": atlas_pictures.watch,
+    "redo_post": atlas_pictures.watch,
     "depsgraph_update_post": _on_update,
 }
 

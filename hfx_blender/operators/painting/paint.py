@@ -180,18 +180,15 @@ class HFX_OT_fill_part(_PaintedOperator):
         before = painting.weights_of(effect)
         if self.is_cleared:  # the part alone is filled, then subtracted
             painting.set_weights(effect, np.zeros(len(before)))
-        count = self._fill(effect)
+        if self.part.startswith(_SAVED):
+            count = painting.add_saved(effect, self.part.removeprefix(_SAVED))
+        else:
+            parts = () if self.part == "all" else (self.part,)
+            count = painting.fill_parts(effect, parts, self.side)
         if self.is_cleared:
             rest = areas.blended(before, painting.weights_of(effect), "subtract")
             count = painting.set_weights(effect, rest)
         return _covers(effect, count)
-
-    def _fill(self, effect: bpy.types.Object) -> int:
-        """Add the part to the area; returns the vertex count of the area."""
-        if self.part.startswith(_SAVED):
-            return painting.add_saved(effect, self.part.removeprefix(_SAVED))
-        parts = () if self.part == "all" else (self.part,)
-        return painting.fill_parts(effect, parts, self.side)
 
 
 class FillPartTool(bpy.types.WorkSpaceTool):

@@ -15,9 +15,7 @@ from typing import Any, ClassVar
 
 import bpy
 from bpy.app.handlers import persistent
-from bpy_extras.view3d_utils import location_3d_to_region_2d
 from idprop.types import IDPropertyGroup
-from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ...authoring import painting, volumes
@@ -174,15 +172,13 @@ class SceneBrush:
         self.radius, self.least = radius, least
         self._pixels = 0
 
-    def fit(
-        self, context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
-    ) -> None:
+    def fit(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         """Set the brush's pixels for the view under the mouse, from the radius on the skin.
 
         Pixels changed since the last call are the user's: the radius follows these first. No effect
-        for a mesh behind the viewer.
+        for a pivot behind the viewer.
         """
-        scale = _pixels_per_unit(context, canvas, event)
+        scale = _pixels_per_unit(context, event)
         if scale is None:
             return
         pixels = compat.brush_radius(context)
@@ -195,30 +191,17 @@ class SceneBrush:
         self._pixels = compat.brush_radius(context)
 
 
-def _pixels_per_unit(
-    context: bpy.types.Context, canvas: bpy.types.Object, event: bpy.types.Event
-) -> float | None:
-    """Pixels of one Blender unit at the middle of a mesh, in perspective at the view's pivot; None
-    without a viewport, or behind the viewer."""
+def _pixels_per_unit(context: bpy.types.Context, event: bpy.types.Event) -> float | None:
+    """Pixels of one Blender unit at the pivot of the view; None without a viewport, or with the
+    pivot behind the viewer."""
     area = framing.viewport(context)
     if area is None:
         return None
     region = framing.region_at(area, event.mouse_x, event.mouse_y)
-    view = region.data
-    corners = [canvas.matrix_world @ Vector(corner) for corner in canvas.bound_box]
-    middle = sum(corners, Vector()) / len(corners)
-    if view.is_perspective:  # the pivot: in close-ups, the middle is far away
-        middle = view.view_location
-    # Measured along the width of the view, on a hundredth of the mesh's size.
-    across = view.view_rotation @ Vector((1.0, 0.0, 0.0))
-    length = max(max(canvas.dimensions), 1e-6) * 0.01
-    ends = [
-        location_3d_to_region_2d(region, view, point)
-        for point in (middle, middle + across * length)
-    ]
-    if None in ends:
-        return None
-    return float((ends[1] - ends[0]).length) / length
+    projection = region.data.perspective_matrix
+    # Homogeneous coordinate of the pivot: 1 in orthographic views.
+    depth = (projection @ region.data.view_location.to_4d()).w
+    return projection[0].xyz.length * region.width / 2.0 / depth if depth > 0.0 else None
 
 
 class HFX_OT_paint_status(bpy.types.Operator):
@@ -241,7 +224,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
         effect = canvas[painting.PAINTED_EFFECT]
         spacing = painting.spacing(canvas, effect)
         self._brush = SceneBrush(painting.brush_radius(canvas, effect), spacing)
-        self._brush.fit(context, canvas, event)
+        self._brush.fit(context, event)
         self._hidden = hidden_by(canvas)
         HFX_OT_paint_status._is_running = True
         context.window_manager.modal_handler_add(self)
@@ -272,7 +255,7 @@ class HFX_OT_paint_status(bpy.types.Operator):
                 self._shown = text
                 context.workspace.status_text_set(translated(text) or None)
         if canvas.mode == "WEIGHT_PAINT":
-            self._brush.fit(context, canvas, event)
+            self._brush.fit(context, event)
         # All events pass on: strokes and navigation are Blender's.
         return {"PASS_THROUGH"}
 
