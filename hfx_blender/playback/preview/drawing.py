@@ -228,66 +228,11 @@ def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, fl
     return left + MARGIN, right - MARGIN
 
 
-class ChartDrawing:
-    """Drawing of a chart; constant parts stay on the graphics card."""
-
-    def __init__(self, chart: Chart) -> None:
-        self.chart = chart
-        self._batches: list[object] = []
-
-    def draw(self, left: float, frame: float, fresh: bool, note: str) -> None:
-        """Draw the chart and the time axis at the lower end of a viewport, ``left`` in pixels, with
-        the playhead at a frame and a note above, if any. Labels are dimmed unless ``fresh``."""
-        import blf
-        import gpu
-        from gpu_extras.batch import batch_for_shader
-
-        from ..timeline.value_chart import background, ticks
-
-        chart = self.chart
-        shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-        scale = bpy.context.preferences.system.ui_scale
-        if not self._batches:
-            behind = background(chart.width, chart.height)
-            for positions, colours in (behind, (chart.positions, chart.colours)):
-                if len(positions):
-                    content = {"pos": positions, "color": colours}
-                    self._batches.append(batch_for_shader(shader, "TRIS", content))
-        half = max(scale, 1.0)
-        marks = ticks(bpy.context.scene, chart, scale)
-        lines = [(x, 0.5, _TICK) for x, _ in marks] + [(chart.x_of(frame), half, _PLAYHEAD)]
-        with card_state(), gpu.matrix.push_pop():
-            gpu.matrix.translate((left, MARGIN))
-            for batch in self._batches:
-                batch.draw(shader)
-            for x, wide, colour in lines:
-                if 0.0 <= x <= chart.width:
-                    # Lines have one pixel on some cards, so the playhead is a strip.
-                    line = [(x + side, y) for y in (0.0, chart.height) for side in (-wide, wide)]
-                    content = {"pos": line, "color": [colour] * 4}
-                    batch_for_shader(shader, "TRI_STRIP", content).draw(shader)
-        blf.size(0, 11.0 * scale)
-        blf.color(0, *TEXT[:3], 1.0 if fresh else 0.5)
-        blf.enable(0, blf.SHADOW)  # texts are drawn over the curves
-        blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
-        for label in chart.labels:
-            text = label.text
-            if label.values is not None:
-                index = min(max(int(np.searchsorted(chart.times, frame)), 0), len(label.values) - 1)
-                text = f"{text}   {label.values[index]:.1f} {label.unit}"
-            _write(text, left + label.left, MARGIN + label.bottom, chart.width - label.left)
-        for x, text in marks:
-            _write(text, left + x + 3 * scale, MARGIN + 4 * scale, chart.width - x)
-        if note:
-            _write(translated(note), left, MARGIN + chart.height + 4 * scale, chart.width)
-        blf.disable(0, blf.SHADOW)
-
-
 class ChartView:
     """Values over time at the lower end of a viewport; keeps the charts of the last few sizes."""
 
     def __init__(self) -> None:
-        self._charts: dict[tuple[object, ...], ChartDrawing] = {}
+        self._charts: dict[tuple[object, ...], tuple[Chart, gpu.types.GPUBatch]] = {}
 
     def draw(self, context: bpy.types.Context, recorder: TimelineRecorder) -> None:
         """Draw the newest record into the current region, or a sentence without a record.
@@ -309,17 +254,17 @@ class ChartView:
             blf.size(0, 11.0 * bpy.context.preferences.system.ui_scale)
             blf.color(0, *TEXT)
             note = recorder.fault or "Values over time: nothing is felt yet"
-            _write(translated(note), left, MARGIN, 10_000.0)
+            write(translated(note), left, MARGIN, 10_000.0)
             return
         frames = _timeline_frames(context, region.x + left, region.x + right)
         size = right - left, _TALLEST * region.height
-        shown = self._chart_of(record, scene.hfx.palette, size, frames)
+        chart, batch = self._chart_of(record, scene.hfx.palette, size, frames)
         note = "; ".join(record.notes)
         if recorder.must_step:
             note = "Not up to date: press Update Values"
-        elif shown.chart.hidden:
-            note = f"{shown.chart.hidden} more rows; enlarge the viewport to see them"
-        shown.draw(left, scene.frame_current_final, recorder.is_fresh, note)
+        elif chart.hidden:
+            note = f"{chart.hidden} more rows; enlarge the viewport to see them"
+        _draw_chart(chart, batch, left, scene.frame_current_final, recorder.is_fresh, note)
 
     def _chart_of(
         self,
@@ -327,7 +272,11 @@ class ChartView:
         palette: str,
         size: tuple[float, float],
         frames: tuple[float, float] | None,
-    ) -> ChartDrawing:
+    ) -> tuple[Chart, gpu.types.GPUBatch]:
+        """Chart, and the batch of its triangles."""
+        import gpu
+        from gpu_extras.batch import batch_for_shader
+
         from ...engine.colouring import PALETTES
         from ..timeline import value_chart
 
@@ -338,8 +287,52 @@ class ChartView:
             if len(self._charts) > 8:
                 self._charts.clear()
             chart = value_chart.chart(record, colours, *size, scale, frames)
-            self._charts[key] = ChartDrawing(chart)
+            content = {"pos": chart.positions, "color": chart.colours}
+            shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+            self._charts[key] = chart, batch_for_shader(shader, "TRIS", content)
         return self._charts[key]
+
+
+def _draw_chart(
+    chart: Chart, batch: gpu.types.GPUBatch, left: float, frame: float, fresh: bool, note: str
+) -> None:
+    """Draw a chart and the time axis at the lower end of a viewport, ``left`` in pixels, with the
+    playhead at a frame and a note above, if any. Labels are dimmed unless ``fresh``."""
+    import blf
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    from ..timeline.value_chart import ticks
+
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    scale = bpy.context.preferences.system.ui_scale
+    marks = ticks(bpy.context.scene, chart, scale)
+    lines = [(x, 0.5, _TICK) for x, _ in marks]
+    lines.append((chart.x_of(frame), max(scale, 1.0), _PLAYHEAD))
+    with card_state(), gpu.matrix.push_pop():
+        gpu.matrix.translate((left, MARGIN))
+        batch.draw(shader)
+        for x, wide, colour in lines:
+            if 0.0 <= x <= chart.width:
+                # Lines have one pixel on some cards, so the playhead is a strip.
+                line = [(x + side, y) for y in (0.0, chart.height) for side in (-wide, wide)]
+                content = {"pos": line, "color": [colour] * 4}
+                batch_for_shader(shader, "TRI_STRIP", content).draw(shader)
+    blf.size(0, 11.0 * scale)
+    blf.color(0, *TEXT[:3], 1.0 if fresh else 0.5)
+    blf.enable(0, blf.SHADOW)  # texts are drawn over the curves
+    blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
+    for label in chart.labels:
+        text = label.text
+        if label.values is not None:
+            index = min(max(int(np.searchsorted(chart.times, frame)), 0), len(label.values) - 1)
+            text = f"{text}   {label.values[index]:.1f} {label.unit}"
+        write(text, left + label.left, MARGIN + label.bottom, chart.width - label.left)
+    for x, text in marks:
+        write(text, left + x + 3 * scale, MARGIN + 4 * scale, chart.width - x)
+    if note:
+        write(translated(note), left, MARGIN + chart.height + 4 * scale, chart.width)
+    blf.disable(0, blf.SHADOW)
 
 
 def _timeline_frames(
@@ -358,7 +351,7 @@ def _timeline_frames(
     return (first, last) if first < last else None
 
 
-def _write(text: str, x: float, y: float, width: float) -> None:
+def write(text: str, x: float, y: float, width: float) -> None:
     """Write a text, shortened by "..." to ``width`` pixels, or nothing if no text fits."""
     import blf
 

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clips with envelopes, drawn in Blender's timeline.
+"""Clips with envelopes, drawn in Blender's timeline and over the strips of the NLA Editor.
 
-Effects of a group (rain, a sensation) share a row.
+Effects of a group (rain, a sensation) share a row of the timeline.
 """
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
+from typing import NamedTuple
 
 import bpy
 
@@ -24,19 +26,25 @@ _WANTED_ROWS = 4
 
 _RULER, _BELOW, _GAP = 24.0, 3.0, 1.0
 _POINTS = 96
+_STRIP = (0.1, 0.1, 0.1, 1.0)  # below the envelope of a strip in the NLA Editor
 # Height from which on a row has the effect's name, pixels.
 _TEXT_ROW = 11.0
 
 
-def shown_rows(context: bpy.types.Context) -> dict[str, list[bpy.types.Object]]:
-    """Effects with clips, by effect or group name: the selected effects, or all without a
-    selection."""
-    scene = context.scene
-    listed = swarms.listed_effects(scene)
-    return _rows([e for e in listed if swarms.is_selected(scene, e)] or listed)
+Point = tuple[float, float]
+
+
+class Row(NamedTuple):
+    """Row of an editor, from ``low`` to ``high`` pixels, with clips as (effect, track, strip)."""
+
+    name: str  # empty: each clip has a name of its own, over Blender's drawing of the strip
+    low: float
+    high: float
+    clips: list[tuple[bpy.types.Object, bpy.types.NlaTrack, bpy.types.NlaStrip]]
 
 
 def _rows(listed: list[bpy.types.Object]) -> dict[str, list[bpy.types.Object]]:
+    """Effects with clips, by effect or group name."""
     rows: dict[str, list[bpy.types.Object]] = {}
     for effect in listed:
         if clips.strips_of(effect):
@@ -52,26 +60,52 @@ def wanted_height(context: bpy.types.Context) -> float:
     return scale * (_RULER + _BELOW + rows * _MOST_ROW) if rows else 0.0
 
 
-def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object]]) -> None:
-    """Draw envelopes of clips in colours of modalities, pale where muted, a row below the ruler for
-    each entry of ``rows``, with its name where there is room; rows without room are left out."""
+def _timeline_rows(context: bpy.types.Context) -> Iterator[Row]:
+    """Rows of a timeline below the ruler, for the selected effects, or all without a selection;
+    rows without room are left out."""
+    scene = context.scene
+    listed = swarms.listed_effects(scene)
+    rows = _rows([e for e in listed if swarms.is_selected(scene, e)] or listed)
+    scale, top = context.preferences.system.ui_scale, context.region.height
+    room = top - (_RULER + _BELOW) * scale
+    height = min(max(room / max(len(rows), 1), _LEAST_ROW * scale), _MOST_ROW * scale)
+    for number, (name, row) in enumerate([*rows.items()][: max(int(room / height), 1)]):
+        low = top - _RULER * scale - (number + 1) * height
+        strips = [(effect, *clip) for effect in row for clip in clips.strips_of(effect)]
+        yield Row(name, low, low + height - _GAP * scale, strips)
+
+
+def _strip_rows(context: bpy.types.Context) -> Iterator[Row]:
+    """Rows of an NLA Editor with strips of effects."""
+    from . import nla_rows  # not needed at Blender's start
+
+    for effect, track, low, high in nla_rows.rows_of_tracks(context):
+        yield Row("", low, high, [(effect, track, strip) for strip in track.strips])
+
+
+def _draw_rows(context: bpy.types.Context, rows: Iterable[Row]) -> None:
+    """Draw envelopes of clips in colours of modalities, pale where muted, with names where there is
+    room. A selected strip of the NLA Editor has a white border."""
+    import blf
     import gpu
     from gpu_extras.batch import batch_for_shader
 
     from ...authoring.volumes import effect_colour
-    from ..preview.drawing import card_state
+    from ..preview.drawing import card_state, write
 
     scale = context.preferences.system.ui_scale
     region, shader = context.region, gpu.shader.from_builtin("SMOOTH_COLOR")
-    room = region.height - (_RULER + _BELOW) * scale
-    height = min(max(room / len(rows), _LEAST_ROW * scale), _MOST_ROW * scale)
-    corners: list[tuple[float, float]] = []
+    corners: list[Point] = []
     colours: list[tuple[float, ...]] = []
-    names = []
-    for number, (name, row) in enumerate([*rows.items()][: max(int(room / height), 1)]):
-        low = region.height - _RULER * scale - (number + 1) * height
-        high = low + height - _GAP * scale
-        for effect, track, strip in ((e, *clip) for e in row for clip in clips.strips_of(e)):
+    names: list[tuple[str, float, float, float, float]] = []
+
+    def add(a: Point, b: Point, c: Point, d: Point, colour: tuple[float, ...]) -> None:
+        corners.extend((a, b, c, a, c, d))
+        colours.extend([colour] * 6)
+
+    for name, low, high, row_clips in rows:
+        is_group = len({effect.name for effect, _, _ in row_clips}) > 1
+        for effect, track, strip in row_clips:
             colour = effect_colour(effect.hfx, context.scene.hfx.palette)[:3]
             is_off = strip.mute or track.mute or effects.is_muted(effect)
             # The envelope in pixels, piecewise linear: the NLA's own curve is not public.
@@ -83,71 +117,59 @@ def _draw_rows(context: bpy.types.Context, rows: dict[str, list[bpy.types.Object
             if right < 0.0 or left > region.width:
                 continue
             back = (*colour, 0.10 if is_off else 0.25)
-            _quad(corners, colours, ((left, low), (right, low), (right, high), (left, high)), back)
+            borders = [] if name else [(0.0, (float(strip.select),) * 3 + (1.0,)), (scale, _STRIP)]
+            for inset, shade in (*borders, (0.0, back)):
+                sides = left + inset, right - inset, low + inset, high - inset
+                box = tuple((sides[x], sides[y]) for x, y in ((0, 2), (1, 2), (1, 3), (0, 3)))
+                add(*box, shade)
             front = (*colour, 0.25 if is_off else 0.85)
             for (x, value), (to, then) in pairwise(points):
                 top, end = low + value * (high - low), low + then * (high - low)
-                _quad(corners, colours, ((x, low), (to, low), (to, end), (x, top)), front)
-            if len(row) > 1 and names and names[-1][0] == name:  # write the group's name once
+                add((x, low), (to, low), (to, end), (x, top), front)
+            if is_group and names and names[-1][0] == name:  # write the group's name once
                 _, first, _, last, _ = names.pop()
                 left, right = min(left, first), max(right, last)
-            names.append((name, left, low, right, high - low))
+            title = name or f"{effect.name}: {strip.name}"
+            names.append((title, left, low, right, high - low))
+    if not corners:
+        return
     content = {"pos": corners, "color": colours}
     with card_state():
         batch_for_shader(shader, "TRIS", content).draw(shader)
-    for name, x, low, right, tall in names:
-        if tall >= _TEXT_ROW * scale:
-            _write(name, max(x, 0.0) + 3.0 * scale, low + 0.3 * tall, right, scale)
-
-
-def _quad(
-    corners: list[tuple[float, float]],
-    colours: list[tuple[float, ...]],
-    quad: tuple[tuple[float, float], ...],
-    colour: tuple[float, ...],
-) -> None:
-    """Append the two triangles of a quad to ``corners``, and six times ``colour``."""
-    a, b, c, d = quad
-    corners += (a, b, c, a, c, d)
-    colours += [colour] * 6
-
-
-def _write(text: str, x: float, y: float, right: float, scale: float) -> None:
-    """Write an effect's name at (x, y), pixels, if the name ends before ``right``."""
-    import blf
-
     blf.size(0, 10.0 * scale)
-    if x + blf.dimensions(0, text)[0] < right:
-        blf.enable(0, blf.SHADOW)
-        blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.8)
-        blf.color(0, 1.0, 1.0, 1.0, 1.0)
-        blf.position(0, x, y, 0)
-        blf.draw(0, text)
-        blf.disable(0, blf.SHADOW)
+    blf.color(0, 1.0, 1.0, 1.0, 1.0)
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.8)
+    for name, left, low, right, tall in names:
+        x = max(left, 0.0) + 3.0 * scale
+        if tall >= _TEXT_ROW * scale:
+            write(name, x, low + 0.3 * tall, right - x)
+    blf.disable(0, blf.SHADOW)
 
 
 class TimelineClips:
-    """Drawing of clips in all timelines."""
+    """Drawing of clips in all timelines and NLA Editors."""
 
     def __init__(self) -> None:
         self.has_failed = False  # True after an exception; drawing stops then
-        self._handle: object = None
+        self._handles: dict[type[bpy.types.Space], object] = {}
         self._view: tuple[float, float] | None = None  # first and last frame
 
     def begin_drawing(self) -> None:
-        """Draw into all timelines from now on."""
-        add = bpy.types.SpaceDopeSheetEditor.draw_handler_add
-        self._handle = add(self._draw, (), "WINDOW", "POST_PIXEL")
+        """Draw into all timelines and NLA Editors from now on."""
+        for space in (bpy.types.SpaceDopeSheetEditor, bpy.types.SpaceNLA):
+            self._handles[space] = space.draw_handler_add(self._draw, (), "WINDOW", "POST_PIXEL")
 
     def end_drawing(self) -> None:
-        """Remove the draw handler, if any."""
-        if self._handle is not None:
-            bpy.types.SpaceDopeSheetEditor.draw_handler_remove(self._handle, "WINDOW")
-            self._handle = None
+        """Remove the draw handlers, if any."""
+        for space, handle in self._handles.items():
+            space.draw_handler_remove(handle, "WINDOW")
+        self._handles.clear()
 
     def _draw(self) -> None:
         context = bpy.context
-        if context.space_data.mode != "TIMELINE" or self.has_failed:
+        is_nla = context.space_data.type == "NLA_EDITOR"
+        if self.has_failed or not (is_nla or context.space_data.mode == "TIMELINE"):
             return
         try:
             view2d, width = context.region.view2d, context.region.width
@@ -156,12 +178,10 @@ class TimelineClips:
                 # The time axis of the values in viewports is that of the timeline.
                 self._view = view
                 events.redraw("VIEW_3D")
-            rows = shown_rows(context)
-            if rows:
-                _draw_rows(context, rows)
+            _draw_rows(context, _strip_rows(context) if is_nla else _timeline_rows(context))
         except Exception:
             self.has_failed = True
-            _log.exception("clips in the timeline")
+            _log.exception("clips in the timeline or NLA Editor")
 
 
 _clips = TimelineClips()

@@ -47,7 +47,7 @@ class Chart:
     height: float
     frames: tuple[float, float]  # at the left and right end
     times: F64  # (T,) frames of the labels' values
-    positions: F32  # (P, 2) three to a triangle
+    positions: F32  # (P, 2) three to a triangle; the first six are the background
     colours: F32  # (P, 4)
     labels: list[Label] = field(default_factory=list)
     hidden: int = 0  # number of rows without room
@@ -116,9 +116,9 @@ def chart(
             at += row
         at += gap
     used = min(at, height) + AXIS_HEIGHT * scale
+    quads.insert(0, (np.array([[0.0, 0.0, width, used]]), np.array([_BACKGROUND])))
     positions, colours = _triangles(quads)
-    if len(positions):
-        positions[:, 1] = used - positions[:, 1]
+    positions[:, 1] = used - positions[:, 1]
     labels = [
         replace(label, left=6.0 * scale, bottom=used - label.bottom - 10.0 * scale)
         for label in labels
@@ -183,16 +183,8 @@ def _bars(shares: F64, colours: F64, top: float, height: float) -> tuple[F64, F6
 
 def _triangles(quads: list[tuple[F64, F64]]) -> tuple[F32, F32]:
     """Split boxes (n, 4) with colours (n, 4) into two triangles each: corners (6n, 2), colours."""
-    if not quads:
-        return np.zeros((0, 2), np.float32), np.zeros((0, 4), np.float32)
     boxes = np.concatenate([quad for quad, _ in quads])
     # Left top, right top, right bottom; left top, right bottom, left bottom.
     corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 1, 2, 3, 0, 3]].reshape(-1, 2)
     colours = np.repeat(np.concatenate([quad for _, quad in quads]), 6, axis=0)
     return corners.astype(np.float32), colours.astype(np.float32)
-
-
-def background(width: float, height: float) -> tuple[F32, F32]:
-    """Background of a chart: two triangles as positions (6, 2) and colours (6, 4)."""
-    boxes = np.array([[0.0, 0.0, width, height]])
-    return _triangles([(boxes, np.array([_BACKGROUND]))])

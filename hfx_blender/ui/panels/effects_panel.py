@@ -149,9 +149,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
                 draw_text(context, column, _OUTSIDE[outside], "ERROR")
                 box.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ACTIVE"
         if not strips:
-            row = layout.row()
-            row.template_icon(waveforms.icon(context, effect, None), scale=2.0)
-            row.label(text="No clips: on for the whole timeline", icon="INFO")
+            layout.label(text="No clips: on for the whole timeline", icon="INFO")
 
 
 def _draw_clip(

@@ -21,48 +21,22 @@ def effect(scene: Any) -> Any:
     return bpy.context.object
 
 
-def test_a_waveform_is_activation_times_intensity(effect: Any, scene: Any) -> None:
+def test_a_waveform_is_activation_times_intensity(effect: Any) -> None:
     strip = clips.add_clip(effect, 10, 58, fade_in=24, fade_out=12)
     effect.hfx.intensity = 0.5
-    lowest, highest = waveforms.waveform(scene, effect, strip, 48)
-    assert not lowest.any()
-    # A column for each frame: half of the fade in, full strength, half of the fade out.
-    for column, expected in ((11, 0.25), (30, 0.5), (42, 0.25)):
-        assert highest[column] == pytest.approx(expected, abs=0.03)
+    levels = waveforms.waveform(effect, strip, 49)  # a value for each frame
+    assert levels[[0, 12, 24, 36, 42, 48]] == pytest.approx([0, 0.25, 0.5, 0.5, 0.25, 0], abs=1e-6)
     curve = compat.own_fcurve(effect, "hfx.intensity", "Key")
     compat.set_keys(curve, [(34, 1.0), (35, 0.0)])
-    _, highest = waveforms.waveform(scene, effect, strip, 48)
-    assert highest[23] == pytest.approx(1.0, abs=0.05) and not highest[26:].any()
-
-
-def test_a_slow_vibration_oscillates_and_a_fast_one_fills_the_envelope(
-    effect: Any, scene: Any
-) -> None:
-    effect.hfx.modality = "vibration"
-    strip = clips.add_clip(effect, 10, 58)  # 2 s
-    effect.hfx.frequency = 1.0
-    lowest, highest = waveforms.waveform(scene, effect, strip, 8)  # quarters of the period
-    assert highest == pytest.approx([1, 1, 0, 0, 1, 1, 0, 0], abs=1e-6)
-    assert lowest == pytest.approx([0, 0, -1, -1, 0, 0, -1, -1], abs=1e-6)
-    effect.hfx.frequency = 100.0
-    lowest, highest = waveforms.waveform(scene, effect, strip, 8)
-    assert np.array_equal(highest, np.ones(8)) and np.array_equal(lowest, -np.ones(8))
-
-
-def test_an_effect_without_clips_has_the_waveform_of_the_scene(effect: Any, scene: Any) -> None:
-    scene.frame_start, scene.frame_end = 1, 96
-    curve = compat.own_fcurve(effect, "hfx.activation", "Key")
-    compat.set_keys(curve, [(48, 0.0), (49, 1.0)])
-    _, highest = waveforms.waveform(scene, effect, None, 96)
-    assert not highest[:46].any() and highest[49:] == pytest.approx(1.0)
+    assert waveforms.waveform(effect, strip, 49)[[12, 24, 25]] == pytest.approx([0.5, 1.0, 0.0])
 
 
 def test_the_preview_has_the_colour_of_the_modality_and_follows_the_clip(effect: Any) -> None:
     strip = clips.add_clip(effect, 10, 58)
 
     def pixels() -> np.ndarray:
-        waveforms.icon(bpy.context, effect, strip)
-        flat = np.array(waveforms._previews["0"].image_pixels[:], np.int32)
+        waveforms.icon(bpy.context, effect, strip, 0)
+        flat = np.array(waveforms._previews[0]["0"].image_pixels[:], np.int32)
         return flat.view(np.uint8).reshape(waveforms.SIZE, waveforms.SIZE, 4)
 
     full = pixels()
@@ -73,3 +47,7 @@ def test_the_preview_has_the_colour_of_the_modality_and_follows_the_clip(effect:
     assert (ramp[-5, 5] != full[-5, 5]).any() and (ramp[5, -5] == full[5, -5]).all()
     strip.mute = True
     assert pixels()[5, -5, 1] < green
+    strip.blend_in, effect.hfx.modality = 0.0, "vibration"
+    effect.hfx.intensity = 0.5  # half of both sides of the middle
+    rows = (pixels()[:, waveforms.SIZE // 2, :3] != 25).any(axis=1).nonzero()[0]
+    assert (rows[0], rows[-1]) == pytest.approx((24, 71), abs=1)

@@ -39,6 +39,7 @@ def steps(h: Any) -> Iterator[float]:
     h.document_area("editor_nla.png", area, height=0.3)
 
     row = next_row(h, region, strip)
+    yield from folded(h, area, region)
     yield from h.click(at(h, region, (start + end) / 2), row)
     h.check(strip_now().select, "a click selects the clip")
     way = (at(h, region, end) - at(h, region, start)) / 2
@@ -100,18 +101,48 @@ def at(h: Any, region: bpy.types.Region, frame: float) -> float:
 
 
 def next_row(h: Any, region: bpy.types.Region, strip: bpy.types.NlaStrip) -> float:
-    """Height of the clip's row, located by the colour of strips."""
-    theme = bpy.context.preferences.themes[0].nla_editor
-    before = tuple(theme.strips), tuple(theme.strips_selected)
-    theme.strips = theme.strips_selected = (1.0, 0.0, 1.0)
-    try:
-        pixels = h.shot("strips.png")
-    finally:
-        theme.strips, theme.strips_selected = before
+    """Height of the clip's row, located by the green of pressure."""
+    rows = green_rows(h, region, strip)
+    h.check(len(rows), "the clip has the colour of pressure")
+    return float(rows.mean())
+
+
+def green_rows(h: Any, region: bpy.types.Region, strip: bpy.types.NlaStrip) -> Any:
+    """Heights of the green pixels of a clip, in the window."""
+    pixels = h.shot("strips.png")
     (h.out / "strips.png").unlink()
     x = round(at(h, region, strip.frame_start + 0.8 * (strip.frame_end - strip.frame_start)))
     top = h.window.height - region.y - region.height
     column = pixels[top : top + region.height, x].astype(int)
-    rows = (column[:, 0] - column[:, 1] > 60) & (column[:, 2] - column[:, 1] > 60)
-    h.check(rows.any(), "the clip is in sight")
-    return float(top + rows.nonzero()[0].mean())
+    return (
+        top + ((column[:, 1] - column[:, 0] > 60) & (column[:, 1] - column[:, 2] > 60)).nonzero()[0]
+    )
+
+
+def folded(h: Any, area: bpy.types.Area, region: bpy.types.Region) -> Iterator[float]:
+    """Colours follow rows that move, and are not drawn for folded effects."""
+    strip = strip_now()
+    before = green_rows(h, region, strip)
+    for name, modality in (("A", "vibration"), ("Z", "temperature")):
+        with h.context("NLA_EDITOR"):
+            bpy.ops.hfx.add_volume(modality=modality, shape="SPHERE", name=name)
+            bpy.ops.hfx.add_clip(start=strip.frame_start, duration=1.0, fade_in=0.5)
+    yield 1.0
+    h.shot("1_three_rows.png")
+    shifted = green_rows(h, region, strip_now())
+    h.check(shifted.mean() > before.mean() + 10, "a row above moves the clip's row")
+    with bpy.context.temp_override(window=h.window, area=area, region=region):
+        bpy.ops.anim.channels_collapse(all=True)
+    yield 1.0
+    h.shot("1_folded.png")
+    h.check(not len(green_rows(h, region, strip_now())), "a folded effect has no colour")
+    with bpy.context.temp_override(window=h.window, area=area, region=region):
+        bpy.ops.anim.channels_expand(all=True)
+    for name in "AZ":
+        bpy.data.objects.remove(bpy.data.objects[name])
+    pressed = hands.effect("pressure")
+    pressed.select_set(True)
+    bpy.context.view_layer.objects.active = pressed
+    strip_now().select = False
+    yield 1.0
+    h.check(abs(green_rows(h, region, strip_now()).mean() - before.mean()) < 2, "as before")

@@ -46,8 +46,9 @@ def steps(h: Any) -> Iterator[float]:
     known = hands.module("playback.timeline.timeline_recorder").recorder
     yield from h.until(lambda: known.is_fresh, "values over time are recorded by themselves", 60)
     before = known.count
-    x, y = yield from hands.icon(h, 0, 0)  # the star of the first effect; the switches are above
-    yield from h.click(x - 3, y - hands.LIST_BELOW)
+    sidebar = h.region("UI")
+    (_, y), *_ = yield from h.toggles(sidebar)  # Show What Is Felt, in the row of the curve icon
+    yield from h.click(sidebar.x + sidebar.width - 82, y)
     yield 0.5
     h.check(bpy.context.window_manager.hfx_show_values, "Values over Time is switched on")
     yield 1.0
