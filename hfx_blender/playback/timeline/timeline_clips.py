@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
-from typing import NamedTuple
 
 import bpy
 
@@ -34,13 +33,11 @@ _TEXT_ROW = 11.0
 Point = tuple[float, float]
 
 
-class Row(NamedTuple):
-    """Row of an editor, from ``low`` to ``high`` pixels, with clips as (effect, track, strip)."""
-
-    name: str  # empty: each clip has a name of its own, over Blender's drawing of the strip
-    low: float
-    high: float
-    clips: list[tuple[bpy.types.Object, bpy.types.NlaTrack, bpy.types.NlaStrip]]
+Row = tuple[
+    str, float, float, list[tuple[bpy.types.Object, bpy.types.NlaTrack, bpy.types.NlaStrip]]
+]
+"""Row of an editor: name, lower and upper end in pixels, and clips (effect, track, strip). Without
+a name each clip has a name of its own, and covers Blender's drawing of the strip."""
 
 
 def _rows(listed: list[bpy.types.Object]) -> dict[str, list[bpy.types.Object]]:
@@ -72,7 +69,7 @@ def _timeline_rows(context: bpy.types.Context) -> Iterator[Row]:
     for number, (name, row) in enumerate([*rows.items()][: max(int(room / height), 1)]):
         low = top - _RULER * scale - (number + 1) * height
         strips = [(effect, *clip) for effect in row for clip in clips.strips_of(effect)]
-        yield Row(name, low, low + height - _GAP * scale, strips)
+        yield name, low, low + height - _GAP * scale, strips
 
 
 def _strip_rows(context: bpy.types.Context) -> Iterator[Row]:
@@ -80,7 +77,7 @@ def _strip_rows(context: bpy.types.Context) -> Iterator[Row]:
     from . import nla_rows  # not needed at Blender's start
 
     for effect, track, low, high in nla_rows.rows_of_tracks(context):
-        yield Row("", low, high, [(effect, track, strip) for strip in track.strips])
+        yield "", low, high, [(effect, track, strip) for strip in track.strips]
 
 
 def _draw_rows(context: bpy.types.Context, rows: Iterable[Row]) -> None:
@@ -147,50 +144,37 @@ def _draw_rows(context: bpy.types.Context, rows: Iterable[Row]) -> None:
     blf.disable(0, blf.SHADOW)
 
 
-class TimelineClips:
-    """Drawing of clips in all timelines and NLA Editors."""
-
-    def __init__(self) -> None:
-        self.has_failed = False  # True after an exception; drawing stops then
-        self._handles: dict[type[bpy.types.Space], object] = {}
-        self._view: tuple[float, float] | None = None  # first and last frame
-
-    def begin_drawing(self) -> None:
-        """Draw into all timelines and NLA Editors from now on."""
-        for space in (bpy.types.SpaceDopeSheetEditor, bpy.types.SpaceNLA):
-            self._handles[space] = space.draw_handler_add(self._draw, (), "WINDOW", "POST_PIXEL")
-
-    def end_drawing(self) -> None:
-        """Remove the draw handlers, if any."""
-        for space, handle in self._handles.items():
-            space.draw_handler_remove(handle, "WINDOW")
-        self._handles.clear()
-
-    def _draw(self) -> None:
-        context = bpy.context
-        is_nla = context.space_data.type == "NLA_EDITOR"
-        if self.has_failed or not (is_nla or context.space_data.mode == "TIMELINE"):
-            return
-        try:
-            view2d, width = context.region.view2d, context.region.width
-            view = tuple(view2d.region_to_view(x, 0.0)[0] for x in (0.0, width))
-            if view != self._view:
-                # The time axis of the values in viewports is that of the timeline.
-                self._view = view
-                events.redraw("VIEW_3D")
-            _draw_rows(context, _strip_rows(context) if is_nla else _timeline_rows(context))
-        except Exception:
-            self.has_failed = True
-            _log.exception("clips in the timeline or NLA Editor")
+_handles: dict[type[bpy.types.Space], object] = {}
+_view: tuple[float, ...] = ()  # first and last frame of the timeline drawn last
+_has_failed = False  # True after an exception; drawing stops then
 
 
-_clips = TimelineClips()
+def _draw() -> None:
+    global _view, _has_failed
+    context = bpy.context
+    is_nla = context.space_data.type == "NLA_EDITOR"
+    if _has_failed or not (is_nla or context.space_data.mode == "TIMELINE"):
+        return
+    try:
+        view2d, width = context.region.view2d, context.region.width
+        view = tuple(view2d.region_to_view(x, 0.0)[0] for x in (0.0, width))
+        if view != _view:
+            # The time axis of the values in viewports is that of the timeline.
+            _view = view
+            events.redraw("VIEW_3D")
+        _draw_rows(context, _strip_rows(context) if is_nla else _timeline_rows(context))
+    except Exception:
+        _has_failed = True
+        _log.exception("clips in the timeline or NLA Editor")
 
 
 def register() -> None:
     if not bpy.app.background:
-        _clips.begin_drawing()
+        for space in (bpy.types.SpaceDopeSheetEditor, bpy.types.SpaceNLA):
+            _handles[space] = space.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
 
 
 def unregister() -> None:
-    _clips.end_drawing()
+    while _handles:
+        space, handle = _handles.popitem()
+        space.draw_handler_remove(handle, "WINDOW")
