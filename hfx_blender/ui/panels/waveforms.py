@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 SIZE = 96  # of a preview, pixels
 
 _previews: list[bpy.utils.previews.ImagePreviewCollection] = []  # none or one
+_painted: dict[int, tuple[object, ...]] = {}  # base, colour and strengths by number
 
 
 def waveform(effect: bpy.types.Object, strip: bpy.types.NlaStrip, count: int) -> F64:
@@ -41,18 +42,22 @@ def icon(
 
     if not _previews:
         _previews.append(bpy.utils.previews.new())
+        _painted.clear()
     preview = _previews[0].get(str(number)) or _previews[0].new(str(number))
     colour = np.array(effect_colour(effect.hfx, context.scene.hfx.palette)[:3])
     colour *= 0.35 if effects.is_muted(effect) or strip.mute else 1.0
     lowest = -1.0 if effect.hfx.modality == "vibration" else 0.0
+    levels = waveform(effect, strip, SIZE)
+    if _painted.get(number) == (key := (lowest, colour.tobytes(), levels.tobytes())):
+        return int(preview.icon_id)
+    _painted[number] = key
     values = np.linspace(lowest, 1.0, SIZE)[:, None]  # of the rows of pixels, from the lower end
     # At least the row of value 0 is filled: a line.
-    is_filled = abs(values) <= np.maximum(waveform(effect, strip, SIZE), 0.02)
+    is_filled = abs(values) <= np.maximum(levels, 0.02)
     shades = np.where(is_filled[..., None], colour, 0.1)
     pixels = np.insert(255.0 * shades, 3, 255.0, axis=2).astype(np.uint8).view(np.int32).ravel()
-    if not np.array_equal(preview.image_pixels, pixels):
-        preview.image_size = SIZE, SIZE
-        preview.image_pixels.foreach_set(pixels)
+    preview.image_size = SIZE, SIZE
+    preview.image_pixels.foreach_set(pixels)
     return int(preview.icon_id)
 
 
