@@ -15,7 +15,7 @@ from ...operators.shared import active_armature, active_effect
 from ...playback.preview.preview import preview
 from ..menus import draw_first_step, draw_paint_menu
 from ..sidebar import HfxPanel, draw_text
-from . import list_rows, waveforms
+from . import clip_waveforms, list_rows
 
 _LEAST_ROWS, _MOST_ROWS = 3, 10  # height of the list of effects
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
@@ -141,7 +141,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         rows = zip(strips, context.window_manager.hfx_clips, strict=False)
         for number, ((_, strip), times) in enumerate(rows):
             box = layout.box()
-            _draw_clip(box, strip, times, waveforms.icon(context, effect, strip, number))
+            _draw_clip(box, strip, times, clip_waveforms.icon(context, effect, strip, number))
             outside = clips.outside_scene(context.scene, strip)
             if outside is not None:
                 column = box.column()
