@@ -129,6 +129,7 @@ def folded(h: Any, area: bpy.types.Area, region: bpy.types.Region) -> Iterator[f
             bpy.ops.hfx.add_clip(start=strip.frame_start, duration=1.0, fade_in=0.5)
     yield 1.0
     h.shot("1_three_rows.png")
+    h.check(not strip_now().select, "an added clip is the only selected clip")
     shifted = green_rows(h, region, strip_now())
     h.check(shifted.mean() > before.mean() + 10, "a row above moves the clip's row")
     with bpy.context.temp_override(window=h.window, area=area, region=region):
