@@ -158,7 +158,7 @@ def _draw() -> None:
     try:
         view2d, width = context.region.view2d, context.region.width
         view = tuple(view2d.region_to_view(x, 0.0)[0] for x in (0.0, width))
-        if view != _view:
+        if view != _view and context.window_manager.hfx_show_values:
             # The time axis of the values in viewports is that of the timeline.
             _view = view
             events.redraw("VIEW_3D")
