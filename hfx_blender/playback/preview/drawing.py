@@ -26,7 +26,7 @@ MARGIN = 10.0
 _TALLEST = 0.45  # of the chart, as a share of the viewport
 TEXT = (0.92, 0.92, 0.92, 1.0)
 _PLAYHEAD = (0.28, 0.45, 0.7, 1.0)  # as in Blender's timeline
-_TICK = (1.0, 1.0, 1.0, 0.15)
+_TICK = (1.0, 1.0, 1.0, 0.06)
 
 
 def draw_layers(layers: Sequence[Layer], opacity: float) -> None:

@@ -113,16 +113,18 @@ def _draw_rows(context: bpy.types.Context, rows: Iterable[Row]) -> None:
             left, right = points[0][0], points[-1][0]
             if right < 0.0 or left > region.width:
                 continue
-            back = (*colour, 0.10 if is_off else 0.25)
-            borders = [] if name else [(0.0, (float(strip.select),) * 3 + (1.0,)), (scale, _STRIP)]
-            for inset, shade in (*borders, (0.0, back)):
+            edge = 0.0 if name else 1.5 * scale
+            bottom, tall = low + edge, high - low - 2.0 * edge
+            borders = [] if name else [(0.0, (float(strip.select),) * 3 + (1.0,)), (edge, _STRIP)]
+            for inset, shade in (*borders, (edge, (*colour, 0.10 if is_off else 0.25))):
                 sides = left + inset, right - inset, low + inset, high - inset
                 box = tuple((sides[x], sides[y]) for x, y in ((0, 2), (1, 2), (1, 3), (0, 3)))
                 add(*box, shade)
-            front = (*colour, 0.25 if is_off else 0.85)
+            points = [(min(max(x, left + edge), right - edge), value) for x, value in points]
             for (x, value), (to, then) in pairwise(points):
-                top, end = low + value * (high - low), low + then * (high - low)
-                add((x, low), (to, low), (to, end), (x, top), front)
+                top, end = bottom + value * tall, bottom + then * tall
+                front = (*colour, 0.25 if is_off else 0.85)
+                add((x, bottom), (to, bottom), (to, end), (x, top), front)
             if is_group and names and names[-1][0] == name:  # write the group's name once
                 _, first, _, last, _ = names.pop()
                 left, right = min(left, first), max(right, last)

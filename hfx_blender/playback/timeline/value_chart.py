@@ -78,6 +78,7 @@ def chart(
     columns = max(int(width), 1)
     # Samples at the edges of the columns of pixels; a sample lasts until the next.
     edges = timeline.position(np.linspace(first, last, columns + 1))
+    is_recorded = (edges[1:] > 0.0) & (edges[:-1] < len(timeline.frames))
     curve, row, gap = (pixels * scale for pixels in (CURVE_HEIGHT, ROW_HEIGHT, _GAP))
     quads: list[tuple[F64, F64]] = []
     labels: list[Label] = []
@@ -112,7 +113,7 @@ def chart(
             tints = _tints(shares, actuator.type.modality, palette)
             # The root keeps weak values visible, as on the skin; off is a faint row, not a gap.
             tints[:, 3] = np.maximum(np.sqrt(np.abs(shares)), _LOWEST_ALPHA)
-            quads.append(_bars(np.ones(len(shares)), tints, at, row - 1.0))
+            quads.append(_bars(is_recorded.astype(float), tints, at, row - 1.0))
             at += row
         at += gap
     used = min(at, height) + AXIS_HEIGHT * scale

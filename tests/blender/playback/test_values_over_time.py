@@ -198,6 +198,9 @@ def test_the_time_axis_of_the_chart_is_that_of_the_timeline(squeeze: Any, scene:
     green = np.isclose(chart.colours[:, 1], PAPER["pressure"][1], atol=0.01)
     curve = chart.positions[green & (chart.positions[:, 1] > chart.height - 30)]
     assert (curve[:, 0].min(), curve[:, 0].max()) == (120.0, pytest.approx(230.0, abs=1.0))
+    # The scene begins at frame 0: no row of an actuator is drawn before.
+    rows = chart.positions[6:, 0][chart.positions[6:, 1] < chart.height - 30]
+    assert rows.min() == 20.0
     # No two marks are nearer than 80 pixels: every tenth frame.
     assert value_chart.ticks(scene, chart) == [(20.0, "0"), (120.0, "10"), (220.0, "20")]
     scene.hfx.time_unit, scene.frame_start, scene.render.fps = "SECONDS", 1, 24
