@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Cost of the preview per frame of playback: the demo with 20 volumes, 5 of them in contact.
 
+Dabs of the brush in Weight Paint are compared in the same way.
+
 Each frame is played with and without the preview, one after the other in one run; the minimum
 of all rounds counts. Measured is the processor time of the preview alone: frame handler, checks
 for scene changes at the usual interval, evaluation, colours, actuators, and transfer to the
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
 P95_MS: Final = 3.0
 IDLE_MS: Final = 0.3
+DAB_MS: Final = 1.0
 
 VOLUMES: Final = 20
 TOUCHED: Final = (
@@ -93,7 +96,8 @@ def measure(
                 "playback_with_ms": _median_ms(with_preview),
                 "playback_without_ms": _median_ms(without_preview),
             }
-            progress(len(rows) / 4)
+            progress(len(rows) / 5)
+    rows["a dab of the brush"] = _dabs(screen, 10 if short else 40, rounds)
     return rows
 
 
@@ -212,6 +216,49 @@ def _play(
                 elif turn:
                     without_preview[k] = min(without_preview[k], ended)
     return own, with_preview, without_preview
+
+
+def _dabs(screen: _Screen, count: int, rounds: int) -> dict[str, Any]:
+    """Row of dabs in Weight Paint, each with the evaluation of the mesh by Blender and a drawing,
+    with and without the preview's handlers."""
+    import bpy
+
+    from hfx_blender.authoring import painting
+    from hfx_blender.blender.events import is_waiting
+    from hfx_blender.playback.preview.preview import preview
+
+    bpy.ops.hfx.add_painted(modality="pressure")
+    bpy.ops.hfx.paint_begin()
+    canvas = bpy.context.object
+    group = canvas.vertex_groups[painting.GROUP]
+    costs_s = {True: [np.inf] * count, False: [np.inf] * count}
+    for turn in range(rounds + 1):  # the first round warms up
+        for vertex in range(count):
+            for is_on in (True, False) if (turn + vertex) % 2 else (False, True):
+                if is_on:
+                    preview.listen()
+                group.add([vertex], 1.0 / (turn + 1), "REPLACE")
+                canvas.data.update()
+                begun_s = _now_s()
+                bpy.context.view_layer.update()
+                if is_on and is_waiting(preview.check_scene):
+                    preview.check_scene()
+                if is_on:
+                    screen.draw(lambda: preview.draw_over(bpy.context.scene))
+                else:
+                    screen.draw(lambda: None)
+                cost_s = _now_s() - begun_s
+                preview.stop_listening()
+                if turn:
+                    costs_s[is_on][vertex] = min(costs_s[is_on][vertex], cost_s)
+    own = [_Seconds(a - b) for a, b in zip(costs_s[True], costs_s[False], strict=True)]
+    return {
+        **_figures(own),
+        "of": "median_ms",
+        "limit_ms": DAB_MS,
+        "playback_with_ms": _median_ms(costs_s[True]),
+        "playback_without_ms": _median_ms(costs_s[False]),
+    }
 
 
 @dataclass(order=True)
