@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tools in the toolbar of Object Mode that drag out effects; the asset shelf of sensations."""
+"""Tools of Object Mode that drag out effects, tool of Weight Paint; asset shelf of sensations."""
 
 from __future__ import annotations
 
@@ -41,6 +41,26 @@ def _tool(kind: str, label: str, description: str, icon: str) -> type:
     return type(f"HfxDrag{kind.title()}", (bpy.types.WorkSpaceTool,), attributes)
 
 
+class FillPartTool(bpy.types.WorkSpaceTool):
+    """Tool of Weight Paint for the body part under the mouse"""
+
+    bl_space_type = "VIEW_3D"
+    bl_context_mode = "PAINT_WEIGHT"
+    bl_idname = "hfx.fill_part_tool"
+    bl_label = "Fill Body Part"
+    bl_description = "Click a body part to fill the part, Ctrl to clear"
+    bl_icon = "ops.paint.weight_fill"
+    bl_cursor = "PAINT_BRUSH"
+    bl_keymap = tuple(
+        (
+            "hfx.fill_part",
+            {"type": "LEFTMOUSE", "value": "PRESS", "ctrl": is_cleared},
+            {"properties": [("is_under_mouse", True), ("is_cleared", is_cleared)]},
+        )
+        for is_cleared in (False, True)
+    )
+
+
 _TOOLS = [_tool(*kind, icon) for kind, icon in zip(KINDS, _ICONS, strict=True)]
 
 
@@ -66,8 +86,10 @@ def register() -> None:
     for tool in _TOOLS:
         bpy.utils.register_tool(tool, after={after}, separator=is_first, group=is_first)
         after, is_first = tool.bl_idname, False
+    bpy.utils.register_tool(FillPartTool, separator=True)
 
 
 def unregister() -> None:
+    bpy.utils.unregister_tool(FillPartTool)
     for tool in reversed(_TOOLS):
         bpy.utils.unregister_tool(tool)

@@ -191,24 +191,6 @@ class HFX_OT_fill_part(_PaintedOperator):
         return _covers(effect, count)
 
 
-class FillPartTool(bpy.types.WorkSpaceTool):
-    bl_space_type = "VIEW_3D"
-    bl_context_mode = "PAINT_WEIGHT"
-    bl_idname = "hfx.fill_part_tool"
-    bl_label = "Fill Body Part"
-    bl_description = "Click a body part to fill the part, Ctrl to clear"
-    bl_icon = "ops.paint.weight_fill"
-    bl_cursor = "PAINT_BRUSH"
-    bl_keymap = tuple(
-        (
-            "hfx.fill_part",
-            {"type": "LEFTMOUSE", "value": "PRESS", "ctrl": is_cleared},
-            {"properties": [("is_under_mouse", True), ("is_cleared", is_cleared)]},
-        )
-        for is_cleared in (False, True)
-    )
-
-
 class HFX_OT_add_on_part(OnBodyOperator):
     """Add an effect that covers a body part"""
 
@@ -470,11 +452,3 @@ class HFX_OT_effect_mirrored(_PaintedOperator):
         copy = effects.duplicate(effect)
         painting.set_weights(copy, areas.mirrored(_model(effect), painting.weights_of(effect)))
         return f"Added '{copy.name}'"
-
-
-def register() -> None:
-    bpy.utils.register_tool(FillPartTool, separator=True)
-
-
-def unregister() -> None:
-    bpy.utils.unregister_tool(FillPartTool)
