@@ -184,11 +184,14 @@ def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> b
     return True
 
 
-def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
+def draw_header(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the button of the next step: *Finish Painting* during painting; once the scene has a
     body, *Paint an Effect* and the next step of the active effect (paint, transfer the area, add a
     clip), and export last."""
-    active, effect, layout = context.object, active_effect(context), self.layout
+    active, effect, layout = context.object, active_effect(context), self.layout.row()
+    # Drawn after the header's menus, where a narrow viewport has room, but as buttons.
+    layout.emboss = "NORMAL"
+    layout.operator_context = "INVOKE_DEFAULT"
     if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
         layout.operator("hfx.paint_end", icon="CHECKMARK")
         if not clips.strips_of(active[painting.PAINTED_EFFECT]):
@@ -210,7 +213,7 @@ def draw_header(self: bpy.types.Header, context: bpy.types.Context) -> None:
 
 
 _ENTRIES = {
-    "VIEW3D_HT_header": draw_header,
+    "VIEW3D_MT_editor_menus": draw_header,
     "VIEW3D_MT_add": draw_add_menu,
     "VIEW3D_MT_object_context_menu": draw_object_menu,
     "OUTLINER_MT_object": draw_object_menu,

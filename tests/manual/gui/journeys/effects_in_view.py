@@ -56,7 +56,7 @@ def steps(h: Any) -> Iterator[float]:
     h.check(brightest(h, corner) > 1.4 * dim, "and not within the clip")
 
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.4, location=(0.0, 0.0, 1.2))
-    source = bpy.context.object
+    source, name = bpy.context.object, bpy.context.object.name
     h.undo_push()
     warmth = hands.MODALITIES.index("temperature")
     yield from hands.add_haptic(h, FROM_MESH_ROW, warmth)
@@ -69,7 +69,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))
     yield from h.key("ctrl+z")
     yield 0.8
-    shape = bpy.data.objects[source.name].display_type
+    shape = bpy.data.objects[name].display_type
     h.check(shape == "TEXTURED", "Ctrl+Z shows the mesh as before")
 
 

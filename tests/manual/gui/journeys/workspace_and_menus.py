@@ -41,8 +41,10 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.press_button("HFX_OT_add_clip")
     yield 0.5
     h.shot("2_workspace.png")
-    for operator in ("HFX_OT_paint_begin", "HFX_OT_add_clip", "HFX_OT_remove_clip"):
-        yield from h.button(h.region("UI"), getattr(bpy.types, operator))
+    yield from h.button(h.region("UI"), bpy.types.HFX_OT_paint_begin)
+    _, y = yield from h.button(h.region("UI"), bpy.types.HFX_OT_add_clip)
+    fields = yield from h.fields(h.region("UI"))
+    h.check(sum(field[1] > y for field in fields) >= 2, "the clip's start and end are in view")
     region = h.region("WINDOW", "DOPESHEET_EDITOR")
     timeline_clips = hands.module("playback.timeline.timeline_clips")
     row = timeline_clips._MOST_ROW
