@@ -49,12 +49,6 @@ class HFX_OT_drag_effect(HfxOperator):
     height: FloatProperty(
         name="Height", description="Height of a box above its base", unit="LENGTH"
     )
-    axis: EnumProperty(
-        name="Axis",
-        description="World axis across the base of a box",
-        items=[(name, name, f"World {name} axis") for name in "XYZ"],
-        default="Z",
-    )
 
     def work(self, context: bpy.types.Context) -> None:
         effect = self._added(context)
@@ -88,7 +82,8 @@ class HFX_OT_drag_effect(HfxOperator):
         effect.hfx.radius = length
         effect.hfx.size = (length, length, length)
         if self.kind == "CUBOID" and drag.length:
-            drag["XYZ".index(self.axis)] = self.height
+            # The base is across a world axis: the drag has no length along this axis.
+            drag[min(range(3), key=lambda axis: abs(drag[axis]))] = self.height
             effect.hfx.size = [abs(edge) for edge in drag]
         elif self.kind == "WIND":
             effect.hfx.size = (length / 2.0, length / 2.0, length)
@@ -108,9 +103,8 @@ class HFX_OT_drag_effect(HfxOperator):
         is_hit, place, *_ = context.scene.ray_cast(depsgraph, origin, ray)
         # The base of a box lies across the world axis that points most to the viewer.
         along = max(range(3), key=lambda axis: abs(ray[axis]))
-        self.axis = "XYZ"[along]
         self._across = Vector([float(axis == along) for axis in range(3)])
-        if self.kind in ("SPHERE", "SPOT", "WIND"):
+        if self.kind != "CUBOID":
             self._across = ray
         if self.kind == "SPOT" and not is_hit:
             raise InputError("Start on the body.")
