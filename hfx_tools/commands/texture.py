@@ -309,7 +309,7 @@ def _measured(height: Any, cutoff_mm: float) -> dict[str, float | None]:
     undefined values. InputError for a surface shorter than the cut-off needs."""
     from math import pi
 
-    from hfx_blender.engine.texture.roughness import LENGTHS, SHAPES, roughness_of_surface
+    from hfx_tools.roughness import LENGTHS, SHAPES, roughness_of_surface
 
     values: dict[str, float | None] = {}
     for axis, angle in (("x", 0.0), ("y", pi / 2.0)):

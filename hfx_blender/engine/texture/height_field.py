@@ -260,3 +260,24 @@ def heights_of_normals(
     spectrum = np.divide(spectrum, power, out=np.zeros_like(spectrum), where=power > 0.0)
     heights = np.fft.irfft2(spectrum, s=along_x.shape)[:rows, :columns]
     return np.asarray(heights - heights.mean())
+
+
+def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:
+    """Waviness (H, W) of a surface in metres: areal Gaussian low-pass at a cut-off.
+
+    Transmission at wavelength l is ``2 ** -((cutoff / l) ** 2)``, by Fourier transform; a surface
+    without tiling is mirrored at its edges.
+    """
+    heights = field.heights_m
+    rows, columns = heights.shape
+    if not field.tiles:
+        # Mirrored, so that the repeating surface of the transform has no step at its edges.
+        heights = np.concatenate([heights, heights[::-1]])
+        heights = np.concatenate([heights, heights[:, ::-1]], axis=1)
+    across = np.fft.rfftfreq(heights.shape[1], field.texel_m[0])
+    along = np.fft.fftfreq(heights.shape[0], field.texel_m[1])
+    transmission = np.exp2(-((cutoff_m * along[:, None]) ** 2)) * np.exp2(
+        -((cutoff_m * across) ** 2)
+    )
+    waves = np.fft.irfft2(np.fft.rfft2(heights) * transmission, heights.shape)
+    return np.asarray(waves[:rows, :columns])

@@ -15,9 +15,8 @@ import numpy as np
 from ...errors import InputError
 from ..arrays import F64
 from .haptic_map import STANDARD_GRAVITY, SurfaceRenderer, SurfaceTexture
-from .height_field import HeightField
+from .height_field import HeightField, gaussian_waviness
 from .lookup import strongest_in_steps
-from .roughness import gaussian_waviness
 from .stroke import Stroke
 from .textile import WINDOW_S, drive_levels
 

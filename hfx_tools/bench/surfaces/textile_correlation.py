@@ -13,8 +13,8 @@ import numpy as np
 
 from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.texture import stroke
-from hfx_blender.engine.texture.roughness import roughness_of_surface
 from hfx_blender.engine.texture.textile import drive_levels
+from hfx_tools.roughness import roughness_of_surface
 
 from .cloths import RECIPES, TEXELS, Cloth
 

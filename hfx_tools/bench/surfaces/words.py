@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 
 from hfx_blender.engine.texture.procedural import KINDS
-from hfx_blender.engine.texture.roughness import roughness_of_surface
 from hfx_blender.errors import InputError
 from hfx_blender.generation import library_search
 from hfx_blender.generation.interpretation import read_words
+from hfx_tools.roughness import roughness_of_surface
 
 from . import classify, texture
 from .word_prompts import COMPARATIVES, PROMPTS

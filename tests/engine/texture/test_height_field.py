@@ -9,7 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from hfx_blender.engine.texture.height_field import HeightField, from_image, sample_grid
+from hfx_blender.engine.texture.height_field import (
+    HeightField,
+    from_image,
+    gaussian_waviness,
+    sample_grid,
+)
 from hfx_blender.engine.texture.relief.linear_light import (
     height_from_colour,
     luminance,
@@ -106,3 +111,10 @@ def test_places_in_texels_have_the_heights_of_the_same_points(
     points = rng.uniform(-0.05, 0.05, (3, 7, 2))
     places = np.stack([points[..., 1] / 3e-3 - 0.5, points[..., 0] / 1e-3 - 0.5])
     np.testing.assert_allclose(field.at_places(places), field.sample(points), atol=1e-9)
+
+
+def test_half_of_a_wave_as_long_as_the_cutoff_passes_the_waviness_filter() -> None:
+    x = (np.arange(64) + 0.5) / 64
+    wave = np.sin(2.0 * np.pi * x)
+    field = HeightField(np.tile(wave, (8, 1)), (2.5e-3 / 64, 1e-3))
+    np.testing.assert_allclose(gaussian_waviness(field, 2.5e-3), 0.5 * field.heights_m, atol=1e-9)

@@ -15,9 +15,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import InputError
-from ..arrays import F64
-from .height_field import HeightField
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.texture.height_field import HeightField
+from hfx_blender.errors import InputError
 
 CUTOFF_M: Final = 2.5e-3
 """Usual cut-off for Ra of 2 to 10 micrometres, and the sampling length."""
@@ -175,24 +175,3 @@ def roughness_of_surface(
         for name in (*LENGTHS, *SHAPES)
     }
     return replace(results[0], **means)
-
-
-def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:
-    """Waviness (H, W) of a surface in metres: areal Gaussian low-pass at a cut-off.
-
-    Transmission at wavelength l is ``2 ** -((cutoff / l) ** 2)``, by Fourier transform; a surface
-    without tiling is mirrored at its edges.
-    """
-    heights = field.heights_m
-    rows, columns = heights.shape
-    if not field.tiles:
-        # Mirrored, so that the repeating surface of the transform has no step at its edges.
-        heights = np.concatenate([heights, heights[::-1]])
-        heights = np.concatenate([heights, heights[:, ::-1]], axis=1)
-    across = np.fft.rfftfreq(heights.shape[1], field.texel_m[0])
-    along = np.fft.fftfreq(heights.shape[0], field.texel_m[1])
-    transmission = np.exp2(-((cutoff_m * along[:, None]) ** 2)) * np.exp2(
-        -((cutoff_m * across) ** 2)
-    )
-    waves = np.fft.irfft2(np.fft.rfft2(heights) * transmission, heights.shape)
-    return np.asarray(waves[:rows, :columns])

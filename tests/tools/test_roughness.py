@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.texture.height_field import HeightField
-from hfx_blender.engine.texture.roughness import (
-    gaussian_waviness,
-    roughness_of_profile,
-    roughness_of_surface,
-)
 from hfx_blender.errors import InputError
+from hfx_tools.roughness import roughness_of_profile, roughness_of_surface
 
 SPACING = 1e-6
 LENGTH = 7 * 2.5e-3
@@ -86,13 +82,6 @@ def test_form_and_slope_are_no_roughness() -> None:
         heights + 0.02 * X + 1e-4 * np.sin(2 * np.pi * X / 0.1), SPACING
     )
     assert roughness.ra_m == pytest.approx(plain.ra_m, rel=0.03)
-
-
-def test_half_of_a_wave_as_long_as_the_cutoff_passes_the_surface_filter() -> None:
-    x = (np.arange(64) + 0.5) / 64
-    wave = np.sin(2.0 * np.pi * x)
-    field = HeightField(np.tile(wave, (8, 1)), (2.5e-3 / 64, 1e-3))
-    np.testing.assert_allclose(gaussian_waviness(field, 2.5e-3), 0.5 * field.heights_m, atol=1e-9)
 
 
 def test_the_surface_has_the_roughness_of_its_profiles() -> None:
