@@ -20,20 +20,37 @@ from typing import Any
 
 PACKAGE = Path(__file__).resolve().parents[1] / "hfx_blender"
 LANGUAGES = ("de", "ja")
-_UNSEEN = ("commands", "engine/reference", "engine/native", "cli.py", "__main__.py")
+_UNSEEN = (
+    *("commands", "engine/reference", "engine/native", "export/batch", "devices/workers"),
+    *("cli.py", "__main__.py", "blender/blend_paths.py"),
+)
 """Parts of the package whose texts Blender never shows."""
 
 _IN_BLENDER = (
-    "ui operators properties authoring avatars playback reading blender export generation"
-).split()
-"""Packages with texts for panels and reports that are neither labels nor errors."""
+    *("ui/", "operators/", "properties/", "authoring/", "avatars/", "playback/", "reading/"),
+    *("blender/", "export/", "generation/", "engine/retargeting/quality.py"),
+    *("devices/live/connection_search.py", "devices/configurations/device_facts.py"),
+)
+"""Modules with texts for panels and reports that are neither labels nor errors."""
 
 _LABELS = ("ui/", "engine/body/parts.py", "engine/modality.py", "formats/registry.py")
 """Modules whose capitalized words are labels."""
 
 _WORDS = re.compile(r"[A-Za-z]{2,}")
 _PLACEHOLDER = re.compile(r"\{\d+\}")
+_FORMAT_FIELD = re.compile(r"(\{[a-z_]*(?::[^{}]*)?\})")  # of str.format
 _TEXT_ARGUMENTS = {"text", "title", "placeholder", "confirm_text", "message"}
+_NO_TEXT = {
+    "NONE",
+    *("not {0}", "item {0}", "degree {0}", "weave {0}", "a datablock {0}"),
+    *("latin-1", "module {0} has no attribute {1}", "born_until_s not before born_from_s"),
+    *("live track", "live source", "live mutes", "live forget", "clips in the timeline"),
+    *("values over time", "areas transferred to the present body models: %s"),
+    "numpy scipy trimesh fast_simplification serial sounddevice websockets",
+    "Scene Screen WindowManager WorkSpace Collection Material World Camera Light Brush Image",
+}
+"""Names in the program that look like texts."""
+
 _SKIPPED_CALLS = {"compile", "getattr", "setattr", "hasattr", "driver_add", "get", "path_from_id"}
 
 
@@ -44,8 +61,6 @@ def placeholders(text: str) -> list[str]:
 
 def template(node: ast.expr) -> str | None:
     """Text of a string expression with placeholders for values; None for other expressions."""
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return node.value.replace("{", "").replace("}", "") if "{" in node.value else node.value
     parts = _parts(node)
     if not any(isinstance(part, str) for part in parts):
         return None
@@ -56,7 +71,8 @@ def template(node: ast.expr) -> str | None:
 def _parts(node: ast.expr) -> list[str | None]:
     """Constant parts of a string expression, with None for each value; [None] without parts."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return [node.value]
+        pieces: list[str | None] = list(_FORMAT_FIELD.split(node.value))
+        return [None if k % 2 else piece for k, piece in enumerate(pieces) if piece != ""]
     if isinstance(node, ast.JoinedStr):
         return [part for value in node.values for part in _parts(value)]
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
@@ -92,8 +108,12 @@ class _Texts(ast.NodeVisitor):
             return text.strip() not in _NO_TEXT and not re.fullmatch(r"[a-z_]+|[A-Z0-9_]+", text)
         if self._has_labels and re.fullmatch("[A-Z][a-z]{2,}", text):
             return True
-        is_sentence = re.match(r"^[A-Z'{]", text) and " " in text and re.search("[a-z]{2}", text)
-        return self._is_in_blender and bool(is_sentence)
+        names = "_" in text and re.fullmatch("[a-z_ ]+", text)  # of properties
+        if not self._is_in_blender or text in _NO_TEXT or names:
+            return False
+        if re.match(r"[A-Z'{]", text):
+            return " " in text and bool(re.search("[a-z]{2}", text))
+        return bool(re.search(r"[a-z]{3} [a-z]{2}|\} [a-z]{3}|[a-z]{3} \{|^[ ,;]+[a-z]{3}", text))
 
     def _visit_shown(self, node: ast.AST) -> None:
         before, self._is_shown = self._is_shown, True
@@ -135,9 +155,6 @@ class _Texts(ast.NodeVisitor):
         pass
 
 
-_NO_TEXT = {"NONE"}
-
-
 def _values(node: ast.AST) -> Iterator[ast.expr]:
     """Expressions of the values in a string expression."""
     if isinstance(node, ast.FormattedValue):
@@ -160,7 +177,7 @@ def source_messages() -> dict[str, str]:
         name = path.relative_to(PACKAGE).as_posix()
         if name.startswith(_UNSEEN):
             continue
-        is_in_blender = name.split("/")[0] in _IN_BLENDER
+        is_in_blender = name.startswith(_IN_BLENDER)
         texts = _Texts(is_in_blender=is_in_blender, has_labels=name.startswith(_LABELS))
         texts.visit(ast.parse(path.read_text(encoding="utf-8")))
         for text in texts.found:
@@ -175,15 +192,18 @@ def class_messages() -> dict[str, str]:
     messages: dict[str, str] = {}
 
     def add(text: str, owner: str) -> None:
-        if _WORDS.search(text or ""):
+        if _WORDS.search(text or "") and not re.fullmatch("[a-z_]+", text):  # no name of Python
             messages.setdefault(text, owner)
 
     for cls in _classes():
         name, rna = cls.__name__, cls.bl_rna
-        add(getattr(cls, "bl_label", ""), name)
-        if issubclass(cls, bpy.types.Operator | bpy.types.Panel | bpy.types.Menu):
-            add(rna.description, name)
         inherited = set() if rna.base is None else set(rna.base.properties.keys())
+        add(getattr(cls, "bl_label", ""), name)
+        if issubclass(cls, bpy.types.Operator):
+            rna = getattr(bpy.ops.hfx, cls.bl_idname.partition(".")[2]).get_rna_type()
+            inherited = {"rna_type"}
+        if issubclass(cls, bpy.types.Operator | bpy.types.Menu):
+            add(rna.description, name)
         for prop in rna.properties:
             if prop.identifier in inherited:
                 continue

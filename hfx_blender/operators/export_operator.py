@@ -237,15 +237,15 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             context.scene.hfx.live_track = str(track)
         names = [file.name for file in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        text, folder = f"Wrote {', '.join(names[:_NAMED])}{more}", report.folder
+        shown = f"{', '.join(names[:_NAMED])}{more}"
         listed = swarms.listed_effects(context.scene)
         strips = (strip for effect in listed for _, strip in clips.strips_of(effect))
         is_outside = any(clips.outside_scene(context.scene, strip) is not None for strip in strips)
-        written = LastExport(text, report, is_outside)
+        written = LastExport(f"Wrote {shown}", report, is_outside)
         last_written[:] = [written]
         if self._is_invoked and not bpy.app.background:
             context.window_manager.popup_menu(draw_written, title="Haptic Export", icon="EXPORT")
-        return f"{text} to {folder}{written.warned}"
+        return f"Wrote {shown} to {report.folder}{written.warned}"
 
 
 def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None:
