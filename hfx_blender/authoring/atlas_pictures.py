@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.app.handlers import persistent
 
-from ..blender.events import call_soon, push_undo_soon
+from ..blender.events import call_soon
 from ..errors import InputError
 from . import painting, volumes
 from .effects import effects
@@ -55,26 +55,26 @@ def picture_of(effect: bpy.types.Object) -> bpy.types.Image:
     return image
 
 
-def sync(image: bpy.types.Image) -> None:
-    """Apply the changes of one side to the other; weights win where both changed. No effect for a
-    picture of another model or size. Raises InputError: the canvas was edited, or the stored area
-    is invalid."""
+def sync(image: bpy.types.Image) -> bool:
+    """Apply the changes of one side to the other; weights win where both changed. Returns True if
+    weights were set. No effect for a picture of another model or size. Raises InputError: the
+    canvas was edited, or the stored area is invalid."""
     import numpy as np
 
     effect, shown = image[EFFECT], _shown(image)
     if shown is None:
-        return
+        return False
     weights = painting.weights_of(effect)
     levels = np.round(weights * 255.0)
     if not np.array_equal(levels, _synced.get(image.session_uid, levels)):
         _write(image, weights)
-        return
+        return False
     _synced[image.session_uid] = shown
     is_painted = shown != levels
     if is_painted.any():
         weights[is_painted] = shown[is_painted] / 255.0
         painting.set_weights(effect, weights)
-        push_undo_soon()
+    return bool(is_painted.any())
 
 
 def sync_all() -> None:
@@ -100,14 +100,19 @@ def _poll() -> float | None:
     picture."""
     import numpy as np
 
-    now_s = time.monotonic()
+    now_s, manager = time.monotonic(), bpy.context.window_manager
+    # An undo step in the middle of a stroke would crash Blender at the stroke's end.
+    running = [operator for window in manager.windows for operator in window.modal_operators]
+    if any(operator.bl_idname.startswith("PAINT_OT_") for operator in running):
+        return _POLL_S
     # Reading weights of a canvas takes 20 ms: not during a stroke.
     are_weights_due = _times_s["read"] < _times_s["changed"] < now_s - _POLL_S
     for image in pictures():
         shown = _shown(image)
         if are_weights_due or not np.array_equal(shown, _synced.get(image.session_uid)):
-            with suppress(InputError):
-                sync(image)
+            with suppress(InputError), bpy.context.temp_override(window=manager.windows[0]):
+                if sync(image):
+                    bpy.ops.ed.undo_push(message="Paint in 2D")
     if are_weights_due:
         _times_s["read"] = now_s
     return _POLL_S if pictures() else None

@@ -100,20 +100,25 @@ class TargetSurface:
                 piece = members[near[row, column + columns.start]]
                 least = off[row, column + columns.start] - self._radii[piece]
                 is_open = least < np.minimum(smallest[queries[row]], reach_m)
-                piece, point = piece[is_open], queries[row[is_open]]
+                row, column, piece = row[is_open], column[is_open], piece[is_open]
+                point = queries[row]
                 bary = barycentric(points[point], self._pieces[piece])
                 at = np.einsum("nc,nci->ni", bary, self._pieces[piece])
+                distance = np.linalg.norm(at - points[point], axis=1)
+                # Candidates that are no nearer, or out of reach, need no normals.
+                near_ones = np.flatnonzero((distance < smallest[point]) & (distance <= reach_m))
+                row, column, piece, point = (
+                    values[near_ones] for values in (row, column, piece, point)
+                )
+                bary, at, distance = (values[near_ones] for values in (bary, at, distance))
                 inside = np.einsum("nc,nck->nk", bary, self._corners[piece])
                 corner = self.triangles[self.parent[piece]]
                 normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
-                distance = np.linalg.norm(at - points[point], axis=1)
-                cosine = np.einsum("ni,ni->n", normal, normals[point])
-                # Excludes the far side of thin parts, and places out of reach.
-                distance[(cosine < facing) | (distance > reach_m)] = np.inf
+                # Excludes the far side of thin parts.
+                distance[np.einsum("ni,ni->n", normal, normals[point]) < facing] = np.inf
                 # Best candidate per query, kept if nearer than the places before.
                 table, number = np.full(off.shape, np.inf), np.zeros(off.shape, np.int64)
-                at_table = row[is_open], column[is_open]
-                table[at_table], number[at_table] = distance, np.arange(len(distance))
+                table[row, column], number[row, column] = distance, np.arange(len(distance))
                 choice = np.arange(len(queries)), table.argmin(axis=1)
                 is_better = table[choice] < smallest[queries]
                 won, best = queries[is_better], number[choice][is_better]
