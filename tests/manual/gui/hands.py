@@ -163,9 +163,13 @@ def enter_several(
     h: Any, first: tuple[float, float], last: tuple[float, float], value: str
 ) -> Iterator[float]:
     """Drag over neighbouring number fields and type a value for all of them."""
-    middle = (first[0], 0.5 * (first[1] + last[1]))
-    yield from h.drag([first, middle, (first[0], last[1])], step=0.3)
+    inputs = bpy.context.preferences.inputs
+    inputs.use_mouse_continuous = False  # a grabbed pointer of a virtual screen jumps
+    x, middle = round(first[0]), 0.5 * (first[1] + last[1])
+    yield from h.drag([(x, first[1]), (x, middle), (x, last[1])], step=0.3)
+    inputs.use_mouse_continuous = True
     yield 0.4
+    h.shot("several.png")
     yield from h.key("ctrl+a")
     yield from h.text(value)
     yield from h.key("Return")

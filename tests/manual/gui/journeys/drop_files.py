@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import hands
 
-FIRST_FILE = (60, 42)  # pixels from the upper left corner of a vertical list of files
+FIRST_FILE = (20, 42)  # its icon: pixels from the upper left corner of a vertical list
 
 
 def steps(h: Any) -> Iterator[float]:
@@ -83,8 +83,9 @@ def drag_in(h: Any, area: bpy.types.Area, path: Path) -> Iterator[float]:
     top = h.window.height - region.y - region.height
     start = region.x + FIRST_FILE[0], top + FIRST_FILE[1]
     x, y = h.xy(h.region(), 0.3, 0.6)
-    between = [(start[0] + (x - start[0]) * k / 8, start[1] + (y - start[1]) * k / 8)
-               for k in range(1, 9)]  # fmt: skip
+    middle = 0.5 * (start[0] + x), 0.5 * (start[1] + y)
     h.shot(f"{path.suffix[1:]}_browser.png")
-    yield from h.drag([start, *between], step=0.15)
+    yield from h.click(*start)
+    yield 0.5
+    yield from h.drag([start, (start[0] - 8, start[1] + 8), middle, (x, y), (x, y)], step=0.4)
     yield 3.0
