@@ -12,6 +12,7 @@ from mathutils import Vector, geometry
 from ...authoring.effects import effects
 from ...authoring.paths import skin_picking
 from ...blender.scene_info import metres_of
+from ...blender.translation import translated
 from ...engine.modality import MODALITY_ITEMS
 from ...errors import InputError
 from .. import framing
@@ -25,6 +26,8 @@ KINDS = (
     ("SPOT", "Point on the Skin", "Drag out a disc from a place on the body"),
     ("WIND", "Wind", "Drag out an arrow in the direction of the wind"),
 )
+_DRAG_HINT = "Release: confirm     Esc or right click: cancel"
+_HEIGHT_HINT = "Move: height     Click: confirm     Esc or right click: cancel"
 _LEAST_PIXELS = 4.0  # a shorter drag is a click, which adds the default size
 _DEFAULT_M = {"SPHERE": 0.5, "CUBOID": 1.0, "SPOT": 0.03, "WIND": 1.0}
 
@@ -116,7 +119,7 @@ class HFX_OT_drag_effect(HfxOperator):
         self._shown = self._added(context).name
         context.window_manager.modal_handler_add(self)
         context.window.cursor_modal_set("CROSSHAIR")
-        context.workspace.status_text_set("Release: confirm     Esc or right click: cancel")
+        context.workspace.status_text_set(translated(_DRAG_HINT))
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -136,7 +139,7 @@ class HFX_OT_drag_effect(HfxOperator):
         if event.type == "LEFTMOUSE" and event.value == ("PRESS" if self._has_base else "RELEASE"):
             if self.kind == "CUBOID" and not self._has_base and not is_click:
                 self._has_base = True
-                context.workspace.status_text_set("Move: height     Click: confirm     Esc: cancel")
+                context.workspace.status_text_set(translated(_HEIGHT_HINT))
                 return {"RUNNING_MODAL"}
             self._end(context)
             self._show_added(context, bpy.data.objects[self._shown])
