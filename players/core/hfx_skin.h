@@ -245,9 +245,13 @@ static inline void hfx_begin_pose(hfx_body *self) {
   self->pose_before = self->pose;
   self->pose = spare_pose;
   for (k = 0; k < bones; k++) {
-    for (c = 0; c < 12; c++)
-      for (i = 0; i < HFX_LANES; i++)
-        self->pose[k].at[c][i] = self->bones[k].now[4 * (c % 4) + c / 4];
+    const float *now = self->bones[k].now;
+    int is_known = 1;
+    for (c = 0; c < 16; c++) is_known &= fabsf(now[c]) < HFX_UNKNOWN;
+    for (c = 0; c < 12; c++) { /* a bone of no numbers is far away: 0 times that is 0 */
+      const float number = is_known ? now[4 * (c % 4) + c / 4] : c % 4 == 3 ? HFX_UNKNOWN : 0.0f;
+      for (i = 0; i < HFX_LANES; i++) self->pose[k].at[c][i] = number;
+    }
     hfx_find_ways(&self->bones[k]);
   }
   self->frame++;

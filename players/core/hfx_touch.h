@@ -152,6 +152,8 @@ static inline int hfx_contact_weights(hfx_touch *touch, float reach) {
   return touch->from < touch->to;
 }
 
+#define HFX_FARTHEST_M 1e9f /* a longer way is of a bone that was no number */
+
 /* Mean speed of touched skin against the volume since the moment before, m/s. */
 static inline double hfx_mean_speed(hfx_touch *touch, double seconds) {
   const float *m = touch->volume.to_world;
@@ -176,7 +178,7 @@ static inline double hfx_mean_speed(hfx_touch *touch, double seconds) {
     for (i = 0; i < HFX_CHUNK; i++) {
       const float x = p->x[i] - q.x[i], y = p->y[i] - q.y[i], z = p->z[i] - q.z[i];
       const float length = sqrtf(x * x + y * y + z * z);
-      way[i] = weight[i] > 0.0f ? weight[i] * length : 0.0f;
+      way[i] = weight[i] > 0.0f && length < HFX_FARTHEST_M ? weight[i] * length : 0.0f;
     }
     sum += hfx_total(way);
     weights += hfx_total(weight);

@@ -50,6 +50,25 @@ def test_skin_is_felt_again_after_a_bone_was_no_number(tmp_path: Path) -> None:
     assert _compare(body.weights(0), _posed(rest, shares, bones), volume) > 1000
 
 
+def test_a_bone_of_no_numbers_takes_the_touch_of_its_own_vertices_alone(tmp_path: Path) -> None:
+    random = np.random.default_rng(7)
+    rest, shares = _skin(random)
+    body = _body(tmp_path, rest, shares)
+    volume = np.diag([4.0, 4.0, 4.0, 1.0])[:3]
+    bones = _bones(random, 0.1)
+    is_sound = shares[:, 7] == 0.0
+    posed = _posed(rest, shares, bones)
+    for value in (0.0, np.nan, 1e38, -np.inf):
+        broken = bones.copy()
+        broken[7] = value
+        body.set_bones(broken if value else bones)
+        body.set_volume(0, volume)
+        body.evaluate(1.0 / 90.0)
+        weights = body.weights(0)
+        assert _compare(weights[is_sound], posed[is_sound], volume) > 1000
+        assert weights[~is_sound].any() == (value == 0.0)
+
+
 def _skin(random: np.random.Generator) -> tuple[F64, F64]:
     """Rest places (V, 3) and shares in 1/65535 of each bone (V, B), of which every ninth vertex has
     none."""
