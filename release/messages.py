@@ -44,8 +44,7 @@ _NO_TEXT = {
     "NONE",
     *("not {0}", "item {0}", "degree {0}", "weave {0}", "a datablock {0}"),
     *("latin-1", "module {0} has no attribute {1}", "born_until_s not before born_from_s"),
-    *("live track", "live source", "live mutes", "live forget", "clips in the timeline"),
-    *("values over time", "areas transferred to the present body models: %s"),
+    *("live track", "live source", "live mutes", "live forget"),
     "numpy scipy trimesh fast_simplification serial sounddevice websockets",
     "Scene Screen WindowManager WorkSpace Collection Material World Camera Light Brush Image",
 }
@@ -132,7 +131,7 @@ class _Texts(ast.NodeVisitor):
     def visit_Call(self, node: ast.Call) -> None:
         name = getattr(node.func, "attr", getattr(node.func, "id", ""))
         self.visit(node.func)
-        if name in _SKIPPED_CALLS:
+        if name in _SKIPPED_CALLS or ast.unparse(node.func).startswith("_log."):
             return
         is_shown = name in ("fail", "report", "draw_text", "draw_wrapped", "translated")
         for argument in node.args:

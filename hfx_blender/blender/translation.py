@@ -21,28 +21,17 @@ _ENDING: Final = "((?:[,;] .*| and .*)?)"
 _SHORT: Final = 4
 """Most letters of messages that match only with values of one word, such as "{0} to {1}"."""
 
-_PLACEHOLDER: Final = re.compile(r"(\{\d+\})")
 
-
-class _Pattern:
-    """Pattern of a message, with a group for each value, and the message's translation."""
-
-    def __init__(self, message: str, text: str, start: str = "") -> None:
-        literals = _PLACEHOLDER.split(message)[::2]
-        self.text = text
-        self.size = sum(len(literal.strip()) for literal in literals)
-        self._longest = max(literals, key=len)
-        # A value right after another is an ending of the sentence.
-        groups = [_VALUE, *(_VALUE if literal else _ENDING for literal in literals[1:-1])]
-        parts = [re.escape(literals[0])]
-        for group, literal in zip(groups, literals[1:], strict=False):
-            parts += [group, re.escape(literal)]
-        self._pattern = re.compile(start + "".join(parts), re.S)
-
-    def values(self, text: str) -> tuple[str, ...] | None:
-        """Values of a text, in the order of the message; None for another text."""
-        match = self._pattern.fullmatch(text) if self._longest in text else None
-        return None if match is None else match.groups()
+def _pattern(message: str, start: str = "") -> tuple[int, str, re.Pattern[str]]:
+    """Number of letters outside of the values, longest constant part, and pattern of a message with
+    a group for each value. A value right after another value is an ending of the sentence."""
+    parts = re.split(r"\{\d+\}", message)
+    groups = [_VALUE if k == 1 or parts[k - 1] else _ENDING for k in range(1, len(parts))]
+    pattern = re.escape(parts[0]) + "".join(
+        group + re.escape(part) for group, part in zip(groups, parts[1:], strict=True)
+    )
+    letters = sum(len(part.strip()) for part in parts)
+    return letters, max(parts, key=len), re.compile(start + pattern, re.S)
 
 
 class Translation:
@@ -50,15 +39,19 @@ class Translation:
 
     def __init__(self, messages: dict[str, str]) -> None:
         self._exact = messages
-        # The most specific pattern first.
-        self._patterns = sorted(
-            (_Pattern(*entry) for entry in messages.items() if _PLACEHOLDER.search(entry[0])),
-            key=lambda pattern: -pattern.size,
-        )
-        self._endings = sorted(
-            (_Pattern(*entry, "(.+?)") for entry in messages.items() if entry[0][:1] in " ,;"),
-            key=lambda pattern: -pattern.size,
-        )
+        # Endings are appended to other messages by the program. The most specific pattern is first.
+        whole = [
+            (*_pattern(message), text) for message, text in messages.items() if "{0}" in message
+        ]
+        endings = [
+            (*_pattern(message, "(.+?)"), text)
+            for message, text in messages.items()
+            if message[:1] in " ,;"
+        ]
+        self._patterns = [
+            *sorted(whole, key=lambda entry: -entry[0]),
+            *sorted(endings, key=lambda entry: -entry[0]),
+        ]
 
     def of(self, text: str) -> str:
         """Translation of a text, of its values, and of its sentences; unknown parts stay."""
@@ -68,38 +61,27 @@ class Translation:
         # Texts joined by the program: the longest known beginning, then the rest.
         gaps = [gap.end() for gap in re.finditer(r"[.:;,] ", text)]
         for gap in reversed(gaps):
-            start = self._start(text[: gap - 1])
-            if start is not None:
-                return f"{start} {self.of(text[gap:])}"
+            for mark in ("", text[gap - 2]):
+                start = self._whole(text[: gap - 1].removesuffix(mark))
+                if start is not None:
+                    return f"{start}{mark} {self.of(text[gap:])}"
         return text if not gaps else text[: gaps[0]] + self.of(text[gaps[0] :])
-
-    def _start(self, text: str) -> str | None:
-        """Translation of a text that ends in a punctuation mark; None for an unknown text."""
-        whole = self._whole(text)
-        if whole is None and self._whole(text[:-1]) is not None:
-            return f"{self._whole(text[:-1])}{text[-1]}"
-        return whole
 
     def _whole(self, text: str) -> str | None:
         """Translation of a text that is one message; None for other texts."""
         if text in self._exact:
             return self._exact[text]
-        for pattern in self._patterns:
-            values = pattern.values(text)
+        for letters, longest, pattern, message in self._patterns:
+            match = pattern.fullmatch(text) if longest in text else None
             # A value has no end of a sentence: a shorter message may match the first sentence.
-            end = ". " if pattern.size > _SHORT else " "
-            if values is not None and not any(end in value for value in values):
-                return pattern.text.format(*map(self._value, values))
-        for pattern in self._endings:  # parts that the program appends to a sentence
-            values = pattern.values(text)
-            if values is not None:
-                start, *rest = map(self._value, values)
-                return start + pattern.text.format(*rest)
+            end = ". " if letters > _SHORT else " "
+            if match is not None and not any(end in value for value in match.groups()):
+                values = list(map(self._value, match.groups()))
+                start = values.pop(0) if pattern.pattern.startswith("(.+?)") else ""
+                return start + message.format(*values)
         lower = text[:1].lower() + text[1:]  # capitalized by the program
-        if lower != text:
-            whole = self._whole(lower)
-            return None if whole is None else whole[:1].upper() + whole[1:]
-        return None
+        whole = self._whole(lower) if lower != text else None
+        return None if whole is None else whole[:1].upper() + whole[1:]
 
     def _value(self, text: str) -> str:
         """Translation of a value: a part of a sentence. Capitalized words are names, and stay."""
@@ -112,16 +94,19 @@ class Translation:
 
 
 @cache
-def translation(language: str) -> Translation | None:
-    """Translation into a language, such as "de"; None for a language without a file."""
+def _messages(language: str) -> dict[str, str]:
+    """Translations by message; empty for a language without a file."""
     path = _FOLDER / f"{language}.json"
-    return Translation(_messages(path)) if path.is_file() else None
+    messages: dict[str, str] = json.loads(path.read_bytes()) if path.is_file() else {}
+    return messages
+
+
+_translation = cache(lambda language: Translation(_messages(language)))
 
 
 @lru_cache(maxsize=2048)
 def _translated(text: str, language: str) -> str:
-    chosen = translation(language)
-    return text if chosen is None else chosen.of(text)
+    return _translation(language).of(text) if _messages(language) else text
 
 
 def translated(text: str) -> str:
@@ -131,20 +116,15 @@ def translated(text: str) -> str:
     return _translated(text, bpy.app.translations.locale.partition("_")[0])
 
 
-def _messages(path: Path) -> dict[str, str]:
-    messages: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
-    return messages
-
-
 def register() -> None:
-    contexts = bpy.app.translations.contexts
+    contexts = bpy.app.translations.contexts.default, bpy.app.translations.contexts.operator_default
     languages = {
-        path.stem: {
+        language: {
             (context, message): text
-            for message, text in _messages(path).items()
-            for context in (contexts.default, contexts.operator_default)
+            for message, text in _messages(language).items()
+            for context in (*contexts, "HFX")
         }
-        for path in sorted(_FOLDER.glob("*.json"))
+        for language in sorted(path.stem for path in _FOLDER.glob("*.json"))
     }
     bpy.app.translations.register(__package__, languages)
 

@@ -396,7 +396,11 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         name="Row", description="Selected row of the bone table", options=set()
     )
     bone_map_region: EnumProperty(
-        name="Show", description="Part of the bone table to show", items=BONE_REGIONS, options=set()
+        name="Show",
+        description="Part of the bone table to show",
+        items=BONE_REGIONS,
+        options=set(),
+        translation_context="HFX",
     )
     bone_map_convention: StringProperty(
         name="Convention", description="Recognised naming convention of the bones"

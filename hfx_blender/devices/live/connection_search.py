@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -51,7 +51,7 @@ def why_not(device: DeviceConfig, kind: str) -> str:
     return NO_VIBRATION if kind == "AUDIO" and "vibration" not in device.modalities else ""
 
 
-def searched(device: DeviceConfig, settings: LiveSettings) -> Iterator[Connections]:
+def searched(device: DeviceConfig, settings: LiveSettings) -> Generator[Connections, None, None]:
     """Search without end: each step gives the connections that are present now.
 
     A step takes at most some tenths of a second; of a Buttplug server, 3 s. The server scans for
@@ -152,23 +152,38 @@ def _cards(device: DeviceConfig, name: str) -> Connections:
 
 
 class ConnectionSearch:
-    """Search in a thread, repeated each second until the end."""
+    """Search in a thread, repeated each second between start and end."""
 
-    def __init__(self, device: DeviceConfig, settings: LiveSettings) -> None:
+    def __init__(self) -> None:
         self.newest: Connections | None = None  # None before the first result
+        self._of: tuple[DeviceConfig, LiveSettings] | None = None
         self._is_over = threading.Event()
-        self._thread = threading.Thread(target=self._run, args=(device, settings), daemon=True)
-        self._thread.start()
+        self._thread = threading.Thread()
 
-    def _run(self, device: DeviceConfig, settings: LiveSettings) -> None:
+    def start(self, device: DeviceConfig | None, settings: LiveSettings) -> None:
+        """Search for a device with settings; an equal search goes on. None: no search."""
+        if device is not None and self._of != (device, settings):
+            self.end()
+            self._of, self._is_over = (device, settings), threading.Event()
+            arguments = device, settings, self._is_over
+            self._thread = threading.Thread(target=self._run, args=arguments, daemon=True)
+            self._thread.start()
+
+    def _run(self, device: DeviceConfig, settings: LiveSettings, is_over: threading.Event) -> None:
         search = searched(device, settings)
         for _ in range(round(_LONGEST_S / _REPEAT_S)):
             self.newest = next(search)
-            if self._is_over.wait(_REPEAT_S):
+            if is_over.wait(_REPEAT_S):
                 break
-        search.close()  # type: ignore[attr-defined]
+        search.close()
 
     def end(self) -> None:
         """End the search, with its connection to a server; waits for 4 s at most."""
         self._is_over.set()
-        self._thread.join(4.0)
+        if self._thread.is_alive():
+            self._thread.join(4.0)
+        self.newest = self._of = None
+
+
+search = ConnectionSearch()
+"""Search of the dialog of *Connect*."""

@@ -19,7 +19,7 @@ from ...text import printable
 from ..shared import EnumItems, HfxOperator, MenuOperator, draw_wrapped, kept_items
 
 if TYPE_CHECKING:
-    from ...devices.live.connection_search import Choices, Connections, ConnectionSearch
+    from ...devices.live.connection_search import Choices
     from ...devices.live.discovery import Found
     from ...engine.rendering.device_config import OutputConfig
 
@@ -98,51 +98,24 @@ class HFX_OT_live_add(MenuOperator):
         return f"{title_of(self.name)} added"
 
 
-class DialogSearch:
-    """Search for connections while the dialog of *Connect* is open."""
-
-    def __init__(self) -> None:
-        self._search: ConnectionSearch | None = None  # None before the first dialog, and after it
-        self._key: tuple[str, live_settings.LiveSettings] | None = None
-
-    def update(self, name: str, settings: live_settings.LiveSettings) -> None:
-        """Search for a device with settings; a search with equal settings goes on."""
-        from ...devices.configurations.device_facts import facts_of
-        from ...devices.live.connection_search import ConnectionSearch
-
-        device = facts_of(name).device
-        if device is not None and self._key != (name, settings):
-            self.end()
-            self._search, self._key = ConnectionSearch(device, settings), (name, settings)
-
-    @property
-    def newest(self) -> Connections | None:
-        """Newest result; None without a result."""
-        return None if self._search is None else self._search.newest
-
-    def end(self) -> None:
-        """End the search; may be called again."""
-        if self._search is not None:
-            self._search.end()
-        self._search = self._key = None
-
-
-dialog_search = DialogSearch()
-
-
 # A function of the module: Blender evaluates annotations without this module's names in lambdas.
 def _ports(_self: object, _context: object, _text: str) -> Choices:
-    return () if dialog_search.newest is None else dialog_search.newest.ports
+    from ...devices.live.connection_search import search
+
+    return () if search.newest is None else search.newest.ports
 
 
 def _units(_self: object, _context: object, _text: str) -> Choices:
-    return () if dialog_search.newest is None else dialog_search.newest.units
+    from ...devices.live.connection_search import search
+
+    return () if search.newest is None else search.newest.units
 
 
 class HFX_OT_live_connect(OfDevice):
     """Connect a device and play the effects"""
 
     bl_label = "Connect"
+    bl_translation_context = "HFX"  # Blender's own "Connect" has another meaning
 
     kind: EnumProperty(
         name="Connect To", description="The device itself, or a substitute", items=KINDS
@@ -191,11 +164,16 @@ class HFX_OT_live_connect(OfDevice):
         )
 
     def check(self, _context: bpy.types.Context) -> bool:
-        dialog_search.update(self.name, self._settings(self.unit))
+        from ...devices.configurations.device_facts import facts_of
+        from ...devices.live.connection_search import search
+
+        search.start(facts_of(self.name).device, self._settings(self.unit))
         return True
 
     def cancel(self, _context: bpy.types.Context) -> None:
-        dialog_search.end()
+        from ...devices.live.connection_search import search
+
+        search.end()
 
     def _settings(self, unit: str) -> live_settings.LiveSettings:
         return live_settings.LiveSettings(
@@ -204,7 +182,7 @@ class HFX_OT_live_connect(OfDevice):
 
     def draw(self, _context: bpy.types.Context) -> None:
         from ...devices.configurations.device_facts import facts_of
-        from ...devices.live.connection_search import why_not
+        from ...devices.live.connection_search import search, why_not
 
         layout, device = self.layout, facts_of(self.name).device
         reasons = {kind: why_not(device, kind) for kind, _, _ in KINDS}
@@ -224,7 +202,7 @@ class HFX_OT_live_connect(OfDevice):
         else:
             column.prop(self, "path")
         column.prop(self, "offset_ms")
-        newest = dialog_search.newest
+        newest = search.newest
         if newest is None:
             layout.label(text="Searching...", icon="SORTTIME")
         elif newest.hint:
@@ -245,9 +223,10 @@ class HFX_OT_live_connect(OfDevice):
             column.prop(self, "unit", placeholder="First free device")
 
     def work(self, _context: bpy.types.Context) -> str:
+        from ...devices.live.connection_search import search
         from ...devices.live.discovery import serial_number_of, serial_ports
 
-        dialog_search.end()  # a server may accept one client only
+        search.end()  # a server may accept one client only
         known = settings_of(self.name)
         unit = self.unit
         if self.port != known.port and unit == known.unit:  # the port was changed
@@ -284,11 +263,11 @@ class DeviceSearch:
         return ports
 
 
-search = DeviceSearch()
+device_search = DeviceSearch()
 
 
 def _found(_self: object, _context: object) -> EnumItems:
-    return search.items
+    return device_search.items
 
 
 class HFX_OT_live_find(MenuOperator, LiveOperator):
@@ -301,8 +280,8 @@ class HFX_OT_live_find(MenuOperator, LiveOperator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("which"):
-            ports = search.run()
-            if not search.found:
+            ports = device_search.run()
+            if not device_search.found:
                 there = ", ".join(ports) or "none"
                 text = printable(f"No known device was found. Serial ports: {there}.")
                 self.report({"WARNING"}, translated(text))
@@ -310,9 +289,9 @@ class HFX_OT_live_find(MenuOperator, LiveOperator):
         return super().invoke(context, event)
 
     def work(self, context: bpy.types.Context) -> str:
-        if not self.which.isdecimal() or int(self.which) >= len(search.found):
+        if not self.which.isdecimal() or int(self.which) >= len(device_search.found):
             raise InputError("Press Find Devices first, and choose one.")
-        device = search.found[int(self.which)]
+        device = device_search.found[int(self.which)]
         settings = replace(
             settings_of(device.device), kind="DEVICE", port=device.port, unit=device.unit
         )

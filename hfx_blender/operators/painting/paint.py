@@ -134,6 +134,7 @@ class HFX_OT_fill_part(_PaintedOperator):
         name="Part",
         description="Body part, or saved area, to fill; added to the painted area",
         items=_parts,
+        translation_context="HFX",
     )
     side: EnumProperty(
         name="Side",
@@ -197,7 +198,12 @@ class HFX_OT_add_on_part(OnBodyOperator):
     bl_label = "On a Body Part"
 
     modality: EnumProperty(name="Modality", description="Sensation", items=MODALITY_ITEMS)
-    part: EnumProperty(name="Part", description="Body part, or saved area", items=_parts)
+    part: EnumProperty(
+        name="Part",
+        description="Body part, or saved area",
+        items=_parts,
+        translation_context="HFX",
+    )
 
     def work(self, _context: bpy.types.Context) -> None:
         bpy.ops.hfx.add_painted(modality=self.modality)

@@ -24,7 +24,7 @@ UNO = "arduino_uno_pwm"
 def first(device: Any, settings: LiveSettings) -> connection_search.Connections:
     search = searched(device, settings)
     actual = next(search)
-    search.close()  # type: ignore[attr-defined]
+    search.close()
     return actual
 
 

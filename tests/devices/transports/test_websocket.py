@@ -330,11 +330,13 @@ def test_a_server_scans_for_toys_until_the_search_ends(serve, monkeypatch):
     monkeypatch.setattr(connection_search, "_REPEAT_S", 0.05)
     output = OutputConfig(ButtplugEncoder("Lush", ((0, "Vibrate"),)), WebsocketTransport("x", 1))
     address = LiveSettings("DEVICE", host="127.0.0.1", port=str(server.port))
-    search = connection_search.ConnectionSearch(device(vibration(), output=output), address)
+    search = connection_search.ConnectionSearch()
+    search.start(device(vibration(), output=output), address)
     toys = (("Lush (left)", ""),)
     server.wait(lambda: search.newest is not None and search.newest.units == toys)
     assert search.newest.hint == ""
     search.end()
+    assert search.newest is None
     server.wait(lambda: received_of_kind(server, "StopScanning"))
     assert len(received_of_kind(server, "StartScanning")) == 1
 
