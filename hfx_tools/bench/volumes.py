@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F64, I32, I64
+from hfx_blender.engine.native.library import loaded
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Shape, inverse_placement
@@ -175,14 +176,36 @@ def _time_queries(
     ends = points + reach * rng.uniform(-1.0, 1.0, points.shape)
     questions: dict[str, Callable[[], Any]] = {
         "depth_ms": lambda: volume.depth_m(points, np.eye(4)),
-        "clearance_ms": lambda: volume.compiled().clearances(points),
-        "passage_ms": lambda: volume.compiled().passages(points, ends),
+        "clearance_ms": lambda: clearances(volume, points),
+        "passage_ms": lambda: passages(volume, points, ends),
     }
     milliseconds = {}
     for name, question in questions.items():
         question()
         milliseconds[name] = 1e3 * min(_time_call(question)[1] for _ in range(rounds))
     return milliseconds
+
+
+def clearances(volume: MeshVolume, points: F64) -> F64:
+    """Signed lower bounds of the distance to the boundary of points (3, N), shape space, (N,).
+
+    Positive outside, negative inside; all points nearer than the absolute value are on the same
+    side. 0 where no bound is known without a search, NaN for NaN. Needs the compiled library.
+    """
+    bounds = np.empty(points.shape[1])
+    loaded().hfx_mesh_clearances(volume.compiled(), points, points.shape[1], bounds)
+    return bounds
+
+
+def passages(volume: MeshVolume, starts: F64, ends: F64) -> tuple[F64, F64]:
+    """First and last time at which points in straight, even motion are inside, (N,) each.
+
+    Time is 0 at ``starts`` (3, N) and 1 at ``ends``; infinity and -infinity for a point that is
+    never inside. A point may leave the mesh in between. Needs the compiled library.
+    """
+    first, last = np.empty((2, starts.shape[1]))
+    loaded().hfx_mesh_passages(volume.compiled(), starts, ends, len(first), first, last)
+    return first, last
 
 
 def _time_call(work: Callable[[], Any]) -> tuple[Any, float]:

@@ -117,7 +117,7 @@ class PlacedTarget:
             shape, mine = self._shapes[k], self._which == k
             assert isinstance(shape, MeshVolume)
             mesh = shape.compiled(not self._falloff.is_flat)  # cached by the shape
-            meshes[mine] = ctypes.addressof(mesh.pointers)
+            meshes[mine] = ctypes.addressof(mesh)
             rows = np.flatnonzero(turning & mine)
             # Row k has the path from row k - 1, by interpolated placements.
             motion = Motion.between(matrices[rows - 1], matrices[rows])

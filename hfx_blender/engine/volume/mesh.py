@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..arrays import F64, I32, I64, Bool
-from ..native.library import loaded, structure
+from ..native.library import structure
 from .mesh_distance import TriangleTree
 from .mesh_inside import InsideGrid
 from .mesh_topology import closed_surface, decimated, merged
@@ -171,17 +171,20 @@ class MeshVolume:
             self._placed_trees[key] = self.tree.placed(linear)
         return self._placed_trees[key].distances(linear @ about)
 
-    def compiled(self, with_depth: bool = False) -> NativeMesh:
-        """Mesh for the library, which must exist; cached. Core radius 0 without ``with_depth``."""
+    def compiled(self, with_depth: bool = False) -> Any:
+        """Mesh for the library, which must exist, as ``hfx_mesh``; cached. The radius of the core
+        (largest inscribed ball) is 0 without ``with_depth``."""
         if with_depth not in self._compiled:
-            tree, grid = self.tree.compiled, self.grid.compiled
-            largest = float(np.abs(self.tree.corners).max())
+            # The grid is in shape space, the tree moved by -middle: distances keep all digits.
+            slack = _SLACK * float(np.abs(self.tree.corners).max())
             depth = self.core_radius if with_depth else 0.0
-            self._compiled[with_depth] = NativeMesh(grid, tree, largest, self._middle, depth)
+            self._compiled[with_depth] = structure("hfx_mesh")(
+                self.grid.compiled, self.tree.compiled, self._middle, slack, depth
+            )
         return self._compiled[with_depth]
 
     @cached_property
-    def _compiled(self) -> dict[bool, NativeMesh]:
+    def _compiled(self) -> dict[bool, Any]:
         return {}
 
     @cached_property
@@ -237,38 +240,6 @@ class MeshVolume:
             half = half / 2.0
             centres = (chosen[:, :, None] + half[:, :, None] * corners).reshape(3, -1)
         return best
-
-
-class NativeMesh:
-    """Closed mesh for the compiled contact; ``pointers`` is ``hfx_mesh``.
-
-    ``grid`` is ``hfx_grid`` in shape space; ``tree`` is ``hfx_tree``, moved by ``-middle``, the
-    centre of the mesh's box; ``largest`` the largest absolute coordinate of the tree; ``depth`` the
-    radius of the largest inscribed ball, 0 without falloff.
-    """
-
-    def __init__(self, grid: Any, tree: Any, largest: float, middle: F64, depth: float) -> None:
-        self.pointers = structure("hfx_mesh")(grid, tree, middle, _SLACK * largest, depth)
-
-    def clearances(self, points: F64) -> F64:
-        """Signed lower bounds of the distance to the boundary of points (3, N), shape space, (N,).
-
-        Positive outside, negative inside; all points nearer than the absolute value are on the same
-        side. 0 where no bound is known without a search, NaN for NaN.
-        """
-        clearances = np.empty(points.shape[1])
-        loaded().hfx_mesh_clearances(self.pointers, points, points.shape[1], clearances)
-        return clearances
-
-    def passages(self, starts: F64, ends: F64) -> tuple[F64, F64]:
-        """First and last time at which points in straight, even motion are inside, (N,) each.
-
-        Time is 0 at ``starts`` (3, N) and 1 at ``ends``; infinity and -infinity for a point that is
-        never inside. A point may leave the mesh in between.
-        """
-        first, last = np.empty((2, starts.shape[1]))
-        loaded().hfx_mesh_passages(self.pointers, starts, ends, len(first), first, last)
-        return first, last
 
 
 def of_fewer_faces(

@@ -11,6 +11,7 @@ from mesh_twins import MESHES, needs_library
 
 from hfx_blender.engine.reference import sweep as reference
 from hfx_blender.engine.volume.mesh import MeshVolume
+from hfx_tools.bench.volumes import clearances, passages
 
 pytestmark = needs_library
 
@@ -20,7 +21,7 @@ def test_a_mesh_that_was_asked_is_handed_over_as_one_that_was_not() -> None:
     shape, points = MeshVolume(*MESHES["rough"], "rough"), np.zeros((3, 2))
     untouched = pickle.dumps(shape)
     assert shape.contains(points).all() and shape.core_radius
-    assert shape.compiled().clearances(points).all() and shape.bounds.any()
+    assert clearances(shape, points).all() and shape.bounds.any()
     assert pickle.dumps(shape) == untouched
     there = pickle.loads(untouched)
     assert there.core_radius == shape.core_radius
@@ -38,5 +39,5 @@ def test_a_cap_over_a_hole_is_part_of_the_surface() -> None:
     starts, ends = path = np.array([[[0.01], [0.02], [-3.0]], [[0.01], [0.02], [3.0]]])
     tunnel = MeshVolume(vertices, triangles.astype(np.int32), "Tunnel")
     assert "2 holes were" in tunnel.note
-    for actual in (tunnel.compiled().passages(starts, ends), reference.passage(tunnel, path)):
+    for actual in (passages(tunnel, starts, ends), reference.passage(tunnel, path)):
         np.testing.assert_allclose(np.ravel(actual), [1 / 3, 2 / 3], rtol=1e-12)

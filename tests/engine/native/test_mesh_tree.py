@@ -13,6 +13,7 @@ from mesh_twins import MESHES, needs_library, probes, twins
 from hfx_blender.engine.reference import sweep as reference
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.mesh_distance import TriangleTree
+from hfx_tools.bench.volumes import clearances, passages
 
 pytestmark = needs_library
 
@@ -73,7 +74,7 @@ def test_a_bound_of_distances_is_never_more_and_never_far_less(seed, step) -> No
     points[:, rng.integers(400, size=5)] = np.nan
     exact, actual = (
         shape.surface_distance_m(points, np.eye(3)),
-        np.abs(shape.compiled().clearances(points)),
+        np.abs(clearances(shape, points)),
     )
     np.testing.assert_array_equal(np.isnan(actual), np.isnan(points[0]))
     low, high = shape.bounds[:, :, None]
@@ -106,7 +107,7 @@ def test_crossings_agree_with_the_reference(name: str) -> None:
         sure = ~np.isclose([first, last], [[[0.0]], [[1.0]]], rtol=0, atol=1e-9).any(axis=(0, 1))
         first[shape.contains(one)], last[shape.contains(second)] = 0.0, 1.0
         expected = np.where(first <= last, [first, last], [[np.inf], [-np.inf]])
-        _crossed(np.stack(shape.compiled().passages(one, second))[:, sure], expected[:, sure])
+        _crossed(np.stack(passages(shape, one, second))[:, sure], expected[:, sure])
 
 
 def test_a_path_along_the_face_of_a_tree_box_is_inside() -> None:
@@ -114,7 +115,7 @@ def test_a_path_along_the_face_of_a_tree_box_is_inside() -> None:
     shape = MeshVolume(*MESHES["a box"], "box")
     for side in (-0.5, 0.5):
         starts, ends = np.array([[side], [-1.0], [0.2]]), np.array([[side], [1.0], [0.2]])
-        first, last = shape.compiled().passages(starts, ends)
+        first, last = passages(shape, starts, ends)
         np.testing.assert_allclose([first[0], last[0]], [0.25, 0.75], rtol=1e-12)
 
 
@@ -123,11 +124,11 @@ def test_clearance_is_no_more_than_the_distance_to_the_surface(name: str) -> Non
     vertices, triangles = MESHES[name]
     compiled, plain = twins(vertices, triangles)
     points = probes(vertices, triangles)
-    clear = compiled.compiled().clearances(points)
+    clear = clearances(compiled, points)
     np.testing.assert_array_equal(np.isnan(clear), np.isnan(points).any(axis=0))
     finite_points = finite(points)
     clear, exact = (
-        compiled.compiled().clearances(finite_points),
+        clearances(compiled, finite_points),
         plain.surface_distance_m(finite_points, np.eye(3)),
     )
     assert (np.abs(clear) <= exact * (1 + 1e-12)).all()  # the distance to a box is exact
@@ -149,12 +150,12 @@ def test_non_finite_points_have_no_distance_and_no_crossing() -> None:
     compiled, _ = twins(*MESHES["a torus"])
     points = np.array([[np.nan, np.inf, 0.0], [0.0, 0.0, -np.inf], [0.0, 0.0, 0.0]])
     assert np.isnan(compiled.tree.distances(points)).all()
-    first, last = compiled.compiled().passages(points, np.zeros((3, 3)))
+    first, last = passages(compiled, points, np.zeros((3, 3)))
     assert np.isinf(first).all() and np.isinf(last).all()
     nothing = np.zeros((3, 0))
     for actual in (
         compiled.tree.distances(nothing),
-        *compiled.compiled().passages(nothing, nothing),
+        *passages(compiled, nothing, nothing),
     ):
         assert actual.shape == (0,)
 

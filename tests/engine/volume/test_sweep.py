@@ -11,6 +11,7 @@ from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.nearest_surface import nearest_surface
 from hfx_blender.engine.volume.shape import Shape
+from hfx_tools.bench.volumes import clearances, passages
 
 MOMENTS = 400
 
@@ -49,7 +50,7 @@ SHAPES: dict[str, Shape] = {
 def passage(shape: Shape, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return times by the library for meshes, by the reference for formulas."""
     if isinstance(shape, MeshVolume):
-        return shape.compiled().passages(starts, ends)
+        return passages(shape, starts, ends)
     return reference.passage(shape, np.stack([starts, ends]))
 
 
@@ -87,7 +88,7 @@ def test_a_passage_agrees_with_dense_sampling(name: str) -> None:
 def test_clearance_holds_on_all_sides() -> None:
     shape, rng = _torus(), np.random.default_rng(2)
     points = rng.uniform(-2.0, 2.0, (3, 2000))
-    clear = shape.compiled().clearances(points)
+    clear = clearances(shape, points)
     directions = rng.normal(size=points.shape)
     directions /= np.linalg.norm(directions, axis=0)
     known = clear != 0.0
