@@ -14,6 +14,7 @@ from ...errors import InputError
 from ..arrays import F64, I64
 from ..body.model import SkinWeights
 from ..body.rigs.rig import RigBone, upwards
+from ..volume.mesh_topology import winding_groups
 
 # Smallest fraction of the surface of a large connected piece (hand, shoe, sleeve)
 _LARGE_PIECE: Final = 0.01
@@ -114,25 +115,7 @@ def faced_out(target: TargetAvatar) -> tuple[TargetAvatar, float]:
 
 def _wound_inwards(target: TargetAvatar, areas: F64) -> npt.NDArray[np.bool_]:
     """Mask (F,) of triangles pointing inwards, in connected pieces with both windings only."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    triangles, count = weld(target.vertices)[target.triangles], len(target.triangles)
-    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    forward = starts < ends
-    # Each directed edge gets the key of its undirected edge; equal keys are adjacent triangles.
-    edge = np.minimum(starts, ends) * len(target.vertices) + np.maximum(starts, ends)
-    order = np.argsort(edge, kind="stable")
-    first, uses = np.unique(edge[order], return_index=True, return_counts=True)[1:]
-    # Only edges of exactly two triangles link neighbours.
-    first_use, second_use = (order[first[uses == 2] + k] for k in (0, 1))
-    # Two nodes per triangle, original and flipped; edges link nodes of consistent winding, so each
-    # component is a consistent orientation.
-    shift = np.where(forward[first_use] == forward[second_use], count, 0)
-    rows = np.concatenate((first_use // 3, first_use // 3 + count))
-    columns = np.concatenate((second_use // 3 + shift, second_use // 3 + count - shift))
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
-    labels = connected_components(graph, directed=False)[1].reshape(2, count)
+    labels = winding_groups(weld(target.vertices)[target.triangles])
     piece = labels.min(axis=0)
     is_turned = labels[0] != piece
     is_mixed = np.bincount(piece, is_turned) * np.bincount(piece, ~is_turned) > 0

@@ -187,12 +187,12 @@ def _area(vertices: F64, triangles: I32) -> float:
     return float(area(vertices[triangles] / size).sum())
 
 
-def _turns(triangles: I32) -> Bool:
-    """Mask of triangles to flip so that neighbours agree, the fewest in each connected piece.
+def winding_groups(triangles: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.integer[Any]]:
+    """Connected component, (2, F), of each triangle as it is, and flipped.
 
-    Each triangle has two nodes of a graph, as it is and flipped; links join consistent neighbours.
-    An orientable piece therefore has two components, and the component with fewer flipped triangles
-    wins.
+    Links of the graph join neighbours, across edges of exactly two triangles, that use this edge in
+    opposite directions. The two components of an orientable piece are its two consistent windings;
+    components are numbered in the order of their first triangle, unflipped first.
     """
     from trimesh.graph import connected_component_labels, face_adjacency
 
@@ -207,10 +207,16 @@ def _turns(triangles: I32) -> Bool:
         [first_face, second_face + differ, first_face + count, second_face + count - differ]
     ).reshape(2, 2, -1)
     labels = connected_component_labels(links.swapaxes(1, 2).reshape(-1, 2), 2 * count)
-    as_is, turned = labels[:count], labels[count:]
+    return np.asarray(labels).reshape(2, count)
+
+
+def _turns(triangles: I32) -> Bool:
+    """Mask of triangles to flip so that neighbours agree, the fewest in each connected piece; of
+    equally many those that leave the first triangle of the piece as it is."""
+    as_is, turned = winding_groups(triangles)
+    count = len(triangles)
     votes = np.bincount(as_is, minlength=2 * count)
     more = votes[turned] - votes[as_is]
-    # At a tie the first triangle of the piece stays as it is.
     first = np.full(2 * count, count)
     np.minimum.at(first, as_is, np.arange(count))
     return (more > 0) | ((more == 0) & (first[turned] < first[as_is]))
