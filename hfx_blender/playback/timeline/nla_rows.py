@@ -33,6 +33,8 @@ def rows_of_tracks(
 
     def line(y: float) -> I32:
         pixels = picture.read_color(0, int(y), region.width, 1, 4, 0, "UBYTE")
+        # Buffers of several dimensions have wrong strides before Blender 5.
+        pixels.dimensions = 4 * region.width
         return np.array(pixels, np.int32).reshape(region.width, 4)
 
     waiting = [(*pair, strip_mask(region, pair[1])) for pair in nla_tracks(context)]
