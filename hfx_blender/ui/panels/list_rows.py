@@ -83,7 +83,8 @@ def refresh() -> None:
             row = manager.hfx_rows.add()
             row.name, row.effect, row.group = effect_name or group, effect_name, group
         preview.redraw()
-    effect = active_effect(bpy.context)
+    # A timer right after loading has no window, hence no active object.
+    effect = active_effect(bpy.context) if hasattr(bpy.context, "object") else None
     count = 0 if effect is None else len(clips.strips_of(effect))
     if len(manager.hfx_clips) != count:
         manager.hfx_clips.clear()
