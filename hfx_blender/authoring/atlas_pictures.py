@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.app.handlers import persistent
 
-from ..blender.events import call_soon
+from ..blender.events import call_soon, is_painting
 from ..errors import InputError
 from . import painting, volumes
 from .effects import effects
@@ -100,17 +100,15 @@ def _poll() -> float | None:
     picture."""
     import numpy as np
 
-    now_s, manager = time.monotonic(), bpy.context.window_manager
-    # An undo step in the middle of a stroke would crash Blender at the stroke's end.
-    running = [operator for window in manager.windows for operator in window.modal_operators]
-    if any(operator.bl_idname.startswith("PAINT_OT_") for operator in running):
+    if is_painting():
         return _POLL_S
+    now_s, window = time.monotonic(), bpy.context.window_manager.windows[0]
     # Reading weights of a canvas takes 20 ms: not during a stroke.
     are_weights_due = _times_s["read"] < _times_s["changed"] < now_s - _POLL_S
     for image in pictures():
         shown = _shown(image)
         if are_weights_due or not np.array_equal(shown, _synced.get(image.session_uid)):
-            with suppress(InputError), bpy.context.temp_override(window=manager.windows[0]):
+            with suppress(InputError), bpy.context.temp_override(window=window):
                 if sync(image):
                     bpy.ops.ed.undo_push(message="Paint in 2D")
     if are_weights_due:

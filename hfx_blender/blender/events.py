@@ -68,12 +68,20 @@ def _push_undo() -> float | None:
     # Each change postpones the undo step, so that a drag is a single step. A timer has no window,
     # and Blender pushes an undo step in a window only.
     wait = _changed_s + _UNDO_S - time.monotonic()
-    if wait > 0.0:
-        return wait
+    if wait > 0.0 or is_painting():
+        return max(wait, 0.1)
     window = bpy.context.window_manager.windows[0]
     with bpy.context.temp_override(window=window):
         bpy.ops.ed.undo_push(message="Haptic Effects")
     return None
+
+
+def is_painting() -> bool:
+    """Test for a running stroke of a brush. An undo step in its middle crashes Blender at the end
+    of a stroke on an image."""
+    windows = bpy.context.window_manager.windows
+    running = [operator for window in windows for operator in window.modal_operators]
+    return any(operator.bl_idname.startswith("PAINT_OT_") for operator in running)
 
 
 def listen(event: str, function: Callable[..., None]) -> None:
