@@ -238,36 +238,26 @@ class HFX_OT_live_connect(OfDevice):
         return ""
 
 
-class DeviceSearch:
-    """Result of the last search for devices."""
-
-    def __init__(self) -> None:
-        self.found: list[Found] = []
-        self.items: EnumItems = []  # of `found`; Blender needs these strings kept alive
-
-    def run(self) -> list[str]:
-        """Search for devices, for some tenths of a second; replace :attr:`found` and :attr:`items`;
-        returns the names of all serial ports. Faulty configurations are left out."""
-        from ...devices.live.discovery import found_at
-
-        # Adding a device reports errors of its configuration.
-        ports, self.found, _ = found_at(resources.user_devices())
-        self.items = [
-            (
-                str(k),
-                f"{title_of(device.device)}  {device.port or device.unit}".rstrip(),
-                device.description,
-            )
-            for k, device in enumerate(self.found)
-        ]
-        return ports
+found: list[Found] = []
+"""Result of the last search for devices."""
 
 
-device_search = DeviceSearch()
+def find_devices() -> list[str]:
+    """Search for devices, for some tenths of a second; replaces :data:`found`, and returns the
+    names of all serial ports. Faulty configurations are left out."""
+    from ...devices.live.discovery import found_at
+
+    # Adding a device reports errors of its configuration.
+    ports, found[:], _ = found_at(resources.user_devices())
+    return ports
 
 
-def _found(_self: object, _context: object) -> EnumItems:
-    return device_search.items
+@kept_items
+def _found_items() -> EnumItems:
+    return [
+        (str(k), f"{title_of(d.device)}  {d.port or d.unit}".rstrip(), d.description)
+        for k, d in enumerate(found)
+    ]
 
 
 class HFX_OT_live_find(MenuOperator, LiveOperator):
@@ -276,12 +266,12 @@ class HFX_OT_live_find(MenuOperator, LiveOperator):
     bl_label = "Find Devices"
     bl_property = "which"
 
-    which: EnumProperty(name="Device", description="Device to add", items=_found)
+    which: EnumProperty(name="Device", description="Device to add", items=_found_items)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("which"):
-            ports = device_search.run()
-            if not device_search.found:
+            ports = find_devices()
+            if not found:
                 there = ", ".join(ports) or "none"
                 text = printable(f"No known device was found. Serial ports: {there}.")
                 self.report({"WARNING"}, translated(text))
@@ -289,9 +279,9 @@ class HFX_OT_live_find(MenuOperator, LiveOperator):
         return super().invoke(context, event)
 
     def work(self, context: bpy.types.Context) -> str:
-        if not self.which.isdecimal() or int(self.which) >= len(device_search.found):
+        if not self.which.isdecimal() or int(self.which) >= len(found):
             raise InputError("Press Find Devices first, and choose one.")
-        device = device_search.found[int(self.which)]
+        device = found[int(self.which)]
         settings = replace(
             settings_of(device.device), kind="DEVICE", port=device.port, unit=device.unit
         )

@@ -455,13 +455,11 @@ def test_a_device_that_was_found_is_added_and_connected_there(
     brand = load_device(board).brand
     assert brand is not None
     port = FoundPort("/dev/ttyACM7", "Uno", brand.usb[0])
-    monkeypatch.setattr(
-        connect_operators, "device_search", connect_operators.DeviceSearch()
-    )  # only for this test
+    monkeypatch.setattr(connect_operators, "found", [])  # only for this test
     monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
     monkeypatch.setattr(discovery, "answers", lambda host, port: False)
-    assert connect_operators.device_search.run() == [port.name]
-    names = [entry.device for entry in connect_operators.device_search.found]
+    assert connect_operators.find_devices() == [port.name]
+    names = [entry.device for entry in connect_operators.found]
     assert board in names
     assert bpy.ops.hfx.live_find(which=str(names.index(board))) == {"FINISHED"}
     assert board in bpy.context.scene.hfx.devices
