@@ -445,7 +445,8 @@ def is_in_view_layer(context: bpy.types.Context, obj: bpy.types.Object) -> bool:
 
 def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:
     """Active object if an effect, or the only volume emitted by the active object; else None."""
-    obj = context.object
+    # A timer has no active object while areas of the window change.
+    obj = getattr(context, "object", None)
     if obj is None or obj.hfx.role == "EFFECT":
         return obj
     # A particle system or instancer stands for its volume, which is usually hidden itself.

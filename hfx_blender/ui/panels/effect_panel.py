@@ -225,14 +225,15 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
             column.alert = True
             draw_text(context, column, "Painted for another modality: not felt", "ERROR")
             layout.operator("hfx.area_keep", icon="FORWARD")
-        row = layout.row()
+        row = layout.row(align=True)
         row.scale_y = 1.3
         if canvas is None:
             row.operator("hfx.paint_begin", icon="BRUSH_DATA")
         else:
             row.operator("hfx.paint_end", icon="CHECKMARK")
             layout.prop(canvas.data, "use_mirror_x", text="Paint Both Sides", icon="MOD_MIRROR")
-        layout.operator("hfx.area_atlas", icon="UV")
+            row = layout.row()
+        row.operator("hfx.area_atlas", icon="UV")
         layout.operator_menu_enum("hfx.fill_part", "part", icon="MOD_ARMATURE")
         row = layout.row(align=True)
         for action, label in (("grow", "Grow"), ("shrink", "Shrink"), ("smooth", "Smooth")):

@@ -29,7 +29,7 @@ def steps(h: Any) -> Iterator[float]:
     h.shot("2_avatar.png")
 
     menus = yield from h.choices(h.region("HEADER"))
-    yield from h.click(*menus[1])  # Paint an Effect, after the mode and the menus
+    yield from h.click(*menus[2])  # Paint an Effect, after the mode and the menus
     yield 0.8
     rows = yield from h.menu_rows()
     h.shot("3_modalities.png")

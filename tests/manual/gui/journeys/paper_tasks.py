@@ -71,7 +71,7 @@ def arrow(h: Any) -> Iterator[float]:
     """An arrow of pressure on the back, from 2.5 s to 3.0 s."""
     task = Task("T2")
     menus = yield from h.choices(h.region("HEADER"))
-    yield from task.do(h.click(*menus[1]))
+    yield from task.do(h.click(*menus[2]))
     yield 0.8
     rows = yield from h.menu_rows()
     yield from task.do(h.click(*rows[hands.MODALITIES.index("pressure")]))
