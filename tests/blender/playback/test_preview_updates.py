@@ -20,7 +20,7 @@ from hfx_blender.playback.timeline.timeline_recorder import recorder
 from hfx_blender.reading.description.scene_settings import scene_tolerance
 from hfx_blender.reading.live_scene import LiveScene
 
-NO_CHANGE = {"HFX_OT_paint_status", "HFX_OT_live_stop_all"}
+NO_CHANGE = {"HFX_OT_effect_preset", "HFX_OT_live_stop_all", "HFX_OT_paint_status"}
 """Operators that change nothing of the scene, so that they have a base of their own."""
 
 ELSEWHERE = (
