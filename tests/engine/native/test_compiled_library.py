@@ -67,9 +67,11 @@ def test_the_build_gives_a_library_that_the_package_loads(
 def test_every_function_that_python_calls_is_exported(built: Path) -> None:
     engine = Path(loading.__file__).parents[1]
     wrappers = "\n".join(map(_text, engine.rglob("*.py")))
+    bench = _text(Path(machine.__file__).with_name("volumes.py"))
     code = "\n".join(map(_text, sources.files()))
     structures = set(re.findall(r"\}\s*(hfx_\w+);", code))
     called = set(re.findall(r"[.\"](hfx_\w+)", wrappers)) - structures - {sources.MARK}
+    called |= set(re.findall(r"loaded\(\)\.(hfx_\w+)", bench))
     matches = set(re.findall(r"HFX_EXPORT[^(]*?\b(hfx_\w+)", code))
     exported = ctypes.CDLL(str(built))
     assert "hfx_build" in called
