@@ -18,8 +18,8 @@ from ..kinematics.placement_motion import turned_by
 from ..native import library
 from ..native.cluster_bounds import Outline
 from ..native.library import f64, loaded, structure
-from ..native.skin import PosedBones, UsedBones
 from ..scene import AnimationBlock, BodyDescription, EffectBlock
+from ..skin.bound_clusters import PosedBones, UsedBones
 from ..skin.cell_coverage import BoundSkins
 from ..skin.posing import PointwiseModel
 from .compiled_target import PlacedTarget

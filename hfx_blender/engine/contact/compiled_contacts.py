@@ -19,7 +19,7 @@ import numpy.typing as npt
 from ..active_rows import FARTHEST
 from ..arrays import I32, I64, Bool, Weights
 from ..native.library import loaded
-from ..native.skin import SkinTableArrays
+from ..skin.skin_table import SkinTable
 from ..skin.skinned_model import SkinnedModel
 from . import narrow_phase as native
 from .broad_phase import CompiledBroadPhase, Reached, SurfacePlaces
@@ -28,10 +28,10 @@ from .contact_query import ContactQuery, Contacts, DetailArrays
 from .narrow_phase import drift_of
 
 _MOST_COLUMNS: Final = 32
-_COLUMNS: WeakKeyDictionary[SkinTableArrays, dict[bytes, tuple[I32, I64]]] = WeakKeyDictionary()
+_COLUMNS: WeakKeyDictionary[SkinTable, dict[bytes, tuple[I32, I64]]] = WeakKeyDictionary()
 
 _MOST_CLEARED: Final = 8
-_CLEARED: WeakKeyDictionary[SkinTableArrays, list[npt.NDArray[Any]]] = WeakKeyDictionary()
+_CLEARED: WeakKeyDictionary[SkinTable, list[npt.NDArray[Any]]] = WeakKeyDictionary()
 
 
 def placed(query: ContactQuery) -> PlacedTarget:
@@ -131,7 +131,7 @@ def _nothing() -> Contacts:
     )
 
 
-def columns_of(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
+def columns_of(clusters: I64, table: SkinTable) -> tuple[I32, I64]:
     """Columns of some clusters; the result is cached and must not be changed.
 
     Returns the vertex of each column, ascending, (C,), and the column of each of the table's cells
@@ -154,7 +154,7 @@ def columns_of(clusters: I64, table: SkinTableArrays) -> tuple[I32, I64]:
     return known[key]
 
 
-def no_weights(table: SkinTableArrays, rows: int, columns: int, precision: Any) -> Weights:
+def no_weights(table: SkinTable, rows: int, columns: int, precision: Any) -> Weights:
     """Weights of 0, (rows, columns), of the float type ``precision``.
 
     Memory cleared by :func:`gathered` for this table is reused, because the operating system would
@@ -169,7 +169,7 @@ def no_weights(table: SkinTableArrays, rows: int, columns: int, precision: Any) 
 
 
 def gathered(
-    table: SkinTableArrays, weights: Weights, columns: I32, reported: Bool, own_sets: bool
+    table: SkinTable, weights: Weights, columns: I32, reported: Bool, own_sets: bool
 ) -> tuple[I64, I64, I64, I32, Weights]:
     """Collect contacts row by row; clears ``weights``, which must not be used afterwards.
 

@@ -19,7 +19,8 @@ import numpy as np
 from ..arrays import F64, I64, Weights
 from ..kinematics.placement_motion import Motion
 from ..native.library import loaded, structure
-from ..native.skin import Clusters, PosedBones, SkinTableArrays, table_structure
+from ..skin.bound_clusters import Clusters, PosedBones
+from ..skin.skin_table import SkinTable
 from ..volume.shape import inverse_placement
 from .broad_phase import Pairs, SurfacePlaces
 from .compiled_target import PlacedTarget
@@ -44,7 +45,7 @@ class Posing:
 
 def narrow_phase(
     pairs: Pairs,
-    table: SkinTableArrays,
+    table: SkinTable,
     posing: Posing,
     target: PlacedTarget,
     drifts: Mapping[int, tuple[F64, F64]],
@@ -114,7 +115,7 @@ _WORTH: Final = 1 << 17
 """Positions in the part of a thread; parts differ much in time, so several for each thread."""
 
 
-def _parts(pairs: Pairs, table: SkinTableArrays) -> list[Pairs]:
+def _parts(pairs: Pairs, table: SkinTable) -> list[Pairs]:
     """Split pairs into parts of about 2**17 positions, clusters kept whole; one part for few."""
     total = np.cumsum(table.place_counts[pairs.clusters])
     count = int(total[-1]) // _WORTH
@@ -138,7 +139,7 @@ class NarrowPhaseCall:
     def __init__(
         self,
         pairs: Pairs,
-        table: SkinTableArrays,
+        table: SkinTable,
         posing: Posing,
         target: PlacedTarget,
         drift: Any,
@@ -146,7 +147,7 @@ class NarrowPhaseCall:
         column_of: I64,
     ) -> None:
         # Work space per call: threads must not share it.
-        skin = table_structure(table)
+        skin = table.structure()
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
         room = np.empty(2 * skin.most_room + 27 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Skin as the library reads it: tables of samples, bones that move skin, and skin weights.
+"""Bones that move skin, skin weights and groups of cells, as the library reads them.
 
-Bindings of ``skin.h``, ``skin_filling.c`` and ``skin_binding.c``.
+Bindings of ``skin_binding.c`` and ``cell_groups.c``.
 
 A *place* is a vertex of a cluster's outline, a *pair* a cluster with a bone.
 """
@@ -10,106 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, Protocol
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import F32, F64, I32, I64, missing_ids
-from .library import i64, loaded, structure
-
-
-class SurfaceArrays(Protocol):
-    """Arrays that the library reads of a :class:`..skin.skin_table.SkinMesh`."""
-
-    @property
-    def vertices(self) -> F32: ...
-    @property
-    def triangles(self) -> I32: ...
-
-
-class SkinTableArrays(Protocol):
-    """Arrays that the library reads and fills of a :class:`..skin.skin_table.SkinTable`."""
-
-    starts: I64
-    place_counts: I64
-    unit_counts: I64
-    quad_starts: I64
-    cell_starts: I64
-    cells: I32
-    largest_cell: int
-
-    @property
-    def samples(self) -> F64: ...
-
-
-_MESHES: WeakKeyDictionary[SurfaceArrays, Any] = WeakKeyDictionary()
-_TABLES: WeakKeyDictionary[SkinTableArrays, tuple[Any, F64]] = WeakKeyDictionary()
-
-
-def table_structure(table: SkinTableArrays) -> Any:
-    """Cached ``hfx_table`` of a table; rebuilt after its samples have moved to a larger array."""
-    samples = table.samples
-    # The C structure holds addresses: a grown array of samples needs a new structure.
-    if table not in _TABLES or _TABLES[table][1] is not samples:
-        kind = structure("hfx_table")
-        names = (name for name, _ in kind._fields_)
-        filled = kind(
-            *(samples.shape[1] if name == "room" else getattr(table, name) for name in names)
-        )
-        # Work space of the largest cluster, float64 elements; see ``hfx_narrow_phase``.
-        rooms = 6 * table.place_counts + 3 * table.unit_counts + np.diff(table.cell_starts)
-        filled.most_room = int(rooms.max(initial=0))
-        _TABLES[table] = filled, samples
-    return _TABLES[table][0]
-
-
-def mesh_structure(mesh: SurfaceArrays) -> Any:
-    """Cached ``hfx_skin_mesh`` of a mesh, valid as long as the mesh lives."""
-    if mesh not in _MESHES:
-        kind = structure("hfx_skin_mesh")
-        _MESHES[mesh] = kind(*(getattr(mesh, name) for name, _ in kind._fields_))
-    return _MESHES[mesh]
-
-
-_EXTENT: Final = 7  # float64 elements of the C structure ``extent``
-
-
-def fill(
-    table: SkinTableArrays,
-    mesh: SurfaceArrays,
-    clusters: I64,
-    samples: int,
-    spacing: F64,
-    most_share: float,
-) -> int:
-    """Fill in clusters (k,), ascending, of a table in place, except their samples.
-
-    The table has the surface ``mesh`` and a number of ``samples`` already. ``spacing`` (3, V), for
-    each vertex of the mesh: largest distance of skin from a sample, and this distance at the
-    finest, metres; then the reciprocal spacing of vertices, up to a constant factor. ``most_share``
-    is the largest share of a unit's skin that the vertex represents as a sample. Returns the number
-    of samples to be held by the table including these clusters.
-    """
-    first = table.starts[clusters]
-    quads = table.quad_starts[first + table.unit_counts[clusters]] - table.quad_starts[first]
-    cells = int((table.cell_starts[clusters + 1] - table.cell_starts[clusters]).max())
-    # Work space for the largest cluster.
-    rooms = (
-        *np.zeros((2, len(mesh.vertices)), np.int64),
-        np.empty((int(quads.max()), _EXTENT)),
-        np.empty(int(table.unit_counts[clusters].max())),
-        np.empty(cells),
-        np.empty(cells, np.int64),
-    )
-    shared = (
-        table_structure(table),
-        mesh_structure(mesh),
-        structure("hfx_spacing")(*spacing, most_share),
-    )
-    count: int = loaded().hfx_fill(*shared, len(clusters), clusters, samples, *rooms)
-    return count
+from ..arrays import F64, I32, I64, missing_ids
+from ..native.library import i64, loaded, structure
+from .skin_table import SkinTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +126,7 @@ class Clusters:
         self._arrays: list[npt.NDArray[Any]] = []
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
 
-    def add(self, clusters: I64, table: SkinTableArrays | None) -> None:
+    def add(self, clusters: I64, table: SkinTable | None) -> None:
         """Compute missing entries of some clusters. With a table, whose skin must be filled in
         there, also the distances and weight differences between neighbouring units; 0 otherwise."""
         new = missing_ids(self._is_known, clusters)
@@ -258,18 +166,97 @@ class Clusters:
             self._rows[clusters, field] = array.ctypes.data + at[: len(clusters)] * array.strides[0]
             self._arrays.append(array)
 
-    def _link(self, clusters: I64, table: SkinTableArrays) -> None:
+    def _link(self, clusters: I64, table: SkinTable) -> None:
         """Compute distances and weight differences of neighbouring units; fields 6 and 7."""
         units = table.unit_counts[clusters]
         at = np.stack([_starts(units), _starts(units * self._bone_counts[clusters])])
         distances, differences = (np.empty(last) for last in at[:, -1])
         room = np.empty(2 * self.most_bones)
         loaded().hfx_find_links(
-            *(table_structure(table), self.table, len(clusters)),
+            *(table.structure(), self.table, len(clusters)),
             *(clusters, at, room, distances, differences),
         )
         self._point_to(clusters, {6: (distances, at[0]), 7: (differences, at[1])})
         self._is_linked[clusters] = True
+
+
+class CellGroups:
+    """Bounds of cell sizes in any pose, for groups of cells on a body that bones move.
+
+    The size of a cell is the mean distance of its skin from its vertex. Bones stretch skin and pull
+    skin apart at joints, so the bones alone bound the sizes in a whole cluster; no skin is posed to
+    decide that testing the vertices suffices.
+
+    Derivation: let the place x of skin have weights u, the cell's vertex at y have weights v, and
+    let R be any matrix. Then sum u M x - sum v M y = sum u L (x - y) + sum (u - v) (M - R) y. The
+    first term is at most the bones' stretch times the distance at rest; the second is at most the
+    difference of the bones' motions times the difference of the weights.
+
+    ``table`` has an ``hfx_groups`` for each of ``count`` clusters, zero until :meth:`add` fills it.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.table: Any = (structure("hfx_groups") * count)()
+        self._rows = np.frombuffer(memoryview(self.table), np.int64).reshape(count, -1)
+        self._is_known = np.zeros(count, np.bool_)
+        self._kept: list[npt.NDArray[Any]] = []
+
+    def missing(self, clusters: I64) -> I64:
+        """Sorted unique ids of clusters without an entry."""
+        return missing_ids(self._is_known, clusters)
+
+    def add(
+        self,
+        clusters: I64,
+        table: SkinTable,
+        surface: Clusters,
+        own: Clusters | None,
+    ) -> None:
+        """Compute the table entries of one or more clusters, ids (k,), and mark them as present.
+
+        An entry lists the groups of a cluster's cells, at rest: largest distance, box, and the
+        bones of each group with bounds of their weights. An existing entry is computed again and
+        replaced, not skipped.
+
+        ``table`` needs no skin samples; ``surface`` and ``own`` are bone weights of its surface's
+        vertices and of the model's own vertices, with the clusters added (``own`` None where both
+        meshes are the same).
+        """
+        # Work space for the largest cluster, and results for the largest possible number of groups
+        # (each cell alone) and pairs (each group with every bone).
+        places = table.place_counts[clusters]
+        cells = table.cell_starts[clusters + 1] - table.cell_starts[clusters]
+        bones = surface.most_bones + (0 if own is None else own.most_bones)
+        most = int(max(places.max(), cells.max()))
+        groups, pairs = int(cells.sum()), int(cells.sum()) * bones
+        place_of_vertex = np.zeros(len(table.mesh.vertices), np.int64)
+        counts = np.empty(2 * most + bones * (bones + 3), np.int64)
+        room = np.empty(most * (10 + 8 * bones) + bones)
+        firsts = np.empty((2, len(clusters) + 1), np.int64)
+        arrays: list[npt.NDArray[Any]] = [
+            np.empty(groups + len(clusters), np.int64),
+            np.empty(groups),
+            np.empty((groups, 2, 3)),
+            np.empty(pairs, np.int64),
+            np.empty(pairs),
+            np.empty(pairs),
+        ]
+        loaded().hfx_cell_groups(
+            *(table.structure(), table.mesh.structure, surface.table, own and own.table),
+            *(len(clusters), clusters, place_of_vertex, counts, room),
+            structure("hfx_found_groups")(*firsts, *arrays),
+        )
+        of_groups, of_pairs = firsts
+        before = np.arange(len(clusters) + 1)
+        ends = (of_groups + before, of_groups, of_groups, of_pairs, of_pairs, of_pairs)
+        for field, (array, at) in enumerate(zip(arrays, ends, strict=True)):
+            # The C structure stores addresses into the compacted copies, so the copies must outlive
+            # it.
+            compact = array[: at[-1]].copy()
+            self._rows[clusters, field] = compact.ctypes.data + at[:-1] * array.strides[0]
+            self._kept.append(compact)
+        self._rows[clusters, len(arrays)] = np.diff(of_groups)
+        self._is_known[clusters] = True
 
 
 def _starts(counts: I64) -> I64:

@@ -19,12 +19,11 @@ from ..arrays import F64, I32, I64, expand, sorted_by
 from ..body.levels_and_cells import cell_of_skin
 from ..body.model import PerceptualModel
 from ..counters import Counters
-from ..native import cluster_bounds as native
 from ..native import library
-from ..native.cluster_bounds import CellGroups, Outline
-from ..native.skin import UsedBones
+from ..native.cluster_bounds import Outline
 from ..scene import BodyDescription, SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
+from .bound_clusters import CellGroups, UsedBones
 from .posing import BlendedModel, PosableModel, SurfaceModel, clusters_of
 from .skin_table import SkinMesh, SkinTable
 from .skinned_model import SkinnedModel
@@ -117,7 +116,7 @@ class SkinCoverage:
             cluster_of = owners_of(self.clusters, len(model))[owner]
             starts = sorted_by(cluster_of, len(self.clusters))[1]
             mesh = SkinMesh.of(self.surface)
-            self.outlines, self.margins_m = native.outlined(mesh, starts, units, cluster_of)
+            self.outlines, self.margins_m = mesh.outlined(starts, units, cluster_of)
 
     @cached_property
     def table(self) -> SkinTable:
@@ -190,10 +189,8 @@ class BodySkin:
                 assert isinstance(self.vertices, SkinnedModel)
                 own_clusters = self.vertices.native_clusters(missing)
             # Sizes also depend on the bones of the cells' vertices, where of another model.
-            table = self.skin.table
-            self._groups.add(
-                missing, table, table.mesh, self.surface.native_clusters(missing), own_clusters
-            )
+            surface = self.surface.native_clusters(missing)
+            self._groups.add(missing, self.skin.table, surface, own_clusters)
         return self._groups.table
 
     @property

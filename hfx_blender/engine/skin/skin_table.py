@@ -12,19 +12,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..arrays import F32, F64, I32, I64, missing_ids, sorted_by
 from ..body.model import PerceptualModel
-from ..native import skin as native
-from ..native.library import loaded
+from ..native.cluster_bounds import cut
+from ..native.library import loaded, structure
 from ..tolerance import Tolerance
 
 # Fraction of a unit always represented by the vertex, at any tolerance
 _LEAST_SHARE: Final = 0.01
+_EXTENT: Final = 7  # float64 elements of the C structure ``extent``
 
 
 class SkinTable:
@@ -118,6 +119,7 @@ class SkinTable:
         self.most_samples = np.ones(len(cells), np.int64)
         self._sample_count, self.largest_cell = 0, 1
         self.samples = np.zeros((4, 0))
+        self._structure: tuple[Any, F64 | None] = None, None
 
     def need(self, clusters: I64) -> None:
         """Fill clusters not filled before; ``clusters`` are ids in any order. Updates the arrays in
@@ -125,18 +127,51 @@ class SkinTable:
         new = missing_ids(self._is_made, clusters)
         if not len(new):
             return
-        count = native.fill(
-            *(self, self.mesh, new, self._sample_count, self._spacing, self._most_share)
-        )
-        self._sample_count = count
+        self._sample_count = count = self._fill(new)
         if count > self.samples.shape[1]:
             # Grown by copying, because other threads may read the old array.
             larger = np.empty((4, max(count, 2 * self.samples.shape[1])))
             larger[:, : self.samples.shape[1]] = self.samples
             self.samples = larger
-        loaded().hfx_place_samples(native.table_structure(self), len(new), new)
+        loaded().hfx_place_samples(self.structure(), len(new), new)
         self._is_made[new] = True
         self.largest_cell = int(self.most_samples.max())
+
+    def _fill(self, clusters: I64) -> int:
+        """Fill in clusters (k,), ascending, except their samples. Returns the number of samples to
+        be held including these clusters."""
+        first = self.starts[clusters]
+        quads = self.quad_starts[first + self.unit_counts[clusters]] - self.quad_starts[first]
+        cells = int((self.cell_starts[clusters + 1] - self.cell_starts[clusters]).max())
+        # Work space for the largest cluster.
+        rooms = (
+            *np.zeros((2, len(self.mesh.vertices)), np.int64),
+            np.empty((int(quads.max()), _EXTENT)),
+            np.empty(int(self.unit_counts[clusters].max())),
+            np.empty(cells),
+            np.empty(cells, np.int64),
+        )
+        spacing = structure("hfx_spacing")(*self._spacing, self._most_share)
+        shared = self.structure(), self.mesh.structure, spacing
+        count: int = loaded().hfx_fill(*shared, len(clusters), clusters, self._sample_count, *rooms)
+        return count
+
+    def structure(self) -> Any:
+        """Cached ``hfx_table``; rebuilt after the samples have moved to a larger array."""
+        known, of_samples = self._structure
+        samples = self.samples
+        # The C structure holds addresses: a grown array of samples needs a new structure.
+        if of_samples is not samples:
+            kind = structure("hfx_table")
+            names = (name for name, _ in kind._fields_)
+            known = kind(
+                *(samples.shape[1] if name == "room" else getattr(self, name) for name in names)
+            )
+            # Work space of the largest cluster, float64 elements; see ``hfx_narrow_phase``.
+            rooms = 6 * self.place_counts + 3 * self.unit_counts + np.diff(self.cell_starts)
+            known.most_room = int(rooms.max(initial=0))
+            self._structure = known, samples
+        return known
 
     @cached_property
     def _spacing(self) -> F64:
@@ -174,6 +209,28 @@ class SkinMesh:
                 *corners,
             )
         return _KNOWN[model]
+
+    @cached_property
+    def structure(self) -> Any:
+        """``hfx_skin_mesh``, valid as long as the mesh lives."""
+        kind = structure("hfx_skin_mesh")
+        return kind(*(getattr(self, name) for name, _ in kind._fields_))
+
+    def outlined(self, starts: I64, units: I32, cluster_of: I64) -> tuple[list[I32], F64]:
+        """Compute the outline of each of C clusters and the margin of its skin.
+
+        ``starts`` (C + 1,) is the first unit of each cluster; ``units`` (V,) the mesh's vertices,
+        cluster by cluster; ``cluster_of`` (V,) the cluster of each vertex. Returns outlines, the
+        units of each cluster in the given order, then the corners of adjacent triangles, ascending;
+        and margins (C,), the largest bulge of curved skin above the flat triangles, m.
+        """
+        clusters, margins = len(starts) - 1, np.zeros(len(starts) - 1)
+        loaded().hfx_margins(self.structure, len(self.triangles), cluster_of, margins)
+        outlines = np.empty(len(units) + 2 * self.triangles.size, np.int32)
+        seen, ends = np.empty(len(units), np.int64), np.zeros(clusters, np.int64)
+        arrays = starts, units, cluster_of, len(units), seen, outlines, ends
+        loaded().hfx_outlines(self.structure, clusters, *arrays)
+        return cut(outlines[: ends[-1]].copy(), ends), margins
 
 
 _KNOWN: Final[WeakKeyDictionary[PerceptualModel, SkinMesh]] = WeakKeyDictionary()

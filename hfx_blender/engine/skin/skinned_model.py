@@ -12,11 +12,11 @@ import numpy as np
 
 from ..arrays import F64, I32, I64, expand, stacked_product
 from ..body.model import PerceptualModel
-from ..native import skin as native
 from ..native.cluster_bounds import Outline
-from ..native.skin import SkinTableArrays
 from ..scene import PoseBlock, SkinBinding
+from .bound_clusters import BoundClusters, Clusters
 from .posing import cluster_slices, clusters_of
+from .skin_table import SkinTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +75,10 @@ class BoundWeights:
         """Indices of the entries of vertices (n,), and the position in ``ids`` of each entry."""
         return expand(self.offsets, ids)
 
-    def clusters(self, clusters: list[I32]) -> native.BoundClusters:
+    def clusters(self, clusters: list[I32]) -> BoundClusters:
         """Clusters of vertices with weights and rest positions for the native library."""
         arrays = self.offsets, self.bones, self.values, self.rest
-        return native.BoundClusters(*arrays, clusters, self.bone_count + 1)
+        return BoundClusters(*arrays, clusters, self.bone_count + 1)
 
 
 # Weights in use by model and bone names, shared by skins of a model
@@ -145,9 +145,9 @@ class SkinnedModel:
         return BoneBoxes.of(self._weights, self.clusters)
 
     @cached_property
-    def _native(self) -> native.Clusters:
+    def _native(self) -> Clusters:
         bound = self._weights.clusters(self.clusters)
-        return native.Clusters(bound, self._boxes.ends, self._boxes.bones)
+        return Clusters(bound, self._boxes.ends, self._boxes.bones)
 
     def cluster_bones(self, cluster: int) -> I64:
         """Bones with weights in a cluster, ascending."""
@@ -216,9 +216,7 @@ class SkinnedModel:
         """Bones with weights, ascending; the number of bones is the bone at rest."""
         return self._boxes.used
 
-    def native_clusters(
-        self, clusters: I64, table: SkinTableArrays | None = None
-    ) -> native.Clusters:
+    def native_clusters(self, clusters: I64, table: SkinTable | None = None) -> Clusters:
         """Native table of all clusters, with the given clusters filled (ids); neighbours around the
         vertices only with ``table``."""
         self._native.add(clusters, table)

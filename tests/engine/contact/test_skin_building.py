@@ -18,7 +18,6 @@ from moving_scenes import moving_scene
 
 from hfx_blender.engine.body.model import PerceptualModel, SkinWeights
 from hfx_blender.engine.counters import Counters
-from hfx_blender.engine.native.skin import table_structure
 from hfx_blender.engine.reference.cells import Fineness, Samples, Skin, cells_of
 from hfx_blender.engine.reference.pose import world_points
 from hfx_blender.engine.scene import SkinBinding
@@ -303,10 +302,10 @@ def test_a_filled_table_holds_the_samples_of_the_reference(name):
 def test_filling_does_not_move_arrays_in_use():
     table = _skin("hfx-pressure-1").table
     table.need(np.array([0, 1]))
-    known, samples = table_structure(table), table.samples
+    known, samples = table.structure(), table.samples
     samples_before = samples.copy()
     table.need(np.arange(60))
-    assert table.samples is not samples and table_structure(table) is not known
+    assert table.samples is not samples and table.structure() is not known
     np.testing.assert_array_equal(samples, samples_before)
     assert any(item is samples for item in known.kept) and known.samples == samples.ctypes.data
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Groups of cells, which bound at rest the sizes of cells in a pose; see native/cluster_bounds.py.
+// Groups of cells, which bound at rest the sizes of cells in a pose; see skin/bound_clusters.py.
 
 #include <math.h>
 #include <string.h>

@@ -54,7 +54,7 @@ typedef struct {
   int64_t bone_count;
 } hfx_cluster;
 
-// Groups of a cluster's cells, at rest; see engine/native/cluster_bounds.py.
+// Groups of a cluster's cells, at rest; see engine/skin/bound_clusters.py.
 typedef struct {
   const int64_t *starts;                   // (groups + 1,) pairs of a group and a bone
   const double *distances;                 // (groups,)

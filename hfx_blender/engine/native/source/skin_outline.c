@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Outlines of clusters, between which their skin lies. See Skin._outlined in engine/skin/cell_coverage.py.
+// Outlines of clusters, between which their skin lies. See SkinMesh.outlined in engine/skin/skin_table.py.
 
 #include <math.h>
 #include <string.h>
