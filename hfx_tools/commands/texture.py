@@ -105,7 +105,13 @@ def _build(options: argparse.Namespace, console: Console) -> int:
     written = texture_map.write(source.map, stem, options.bits, source.name)
     files, facts = list(written.files), {}
     if source.is_estimate and source.height is not None:
-        files += texture_map.write_relief(source.height, source.map, stem, options.bits)
+        # Black is lowest, white highest.
+        heights = source.height.heights_m - source.height.heights_m.min()
+        layers = {
+            "height": heights / max(float(heights.max()), np.finfo(np.float64).tiny),
+            "roughness": 1.0 - source.map.sharpness,
+        }
+        files += texture_map.write_layers(layers, stem, options.bits).values()
         facts["height_mm"] = 1000.0 * float(np.ptp(source.height.heights_m))
     for note in (*source.notes, *written.notes):
         console.warn(f"note: {note}")

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.texture.haptic_map import DeviceRange, HapticMap, NoticeableSteps
-from ...engine.texture.height_field import HeightField
 from ...errors import InputError
 from ...files import kinds
 from ...files.json_shapes import Anything, Flag, Number, Text, numbers, strict
@@ -58,7 +57,7 @@ def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = ""
     """
     if bits not in (8, 16):
         raise ValueError(f"bits: expected 8 or 16, got {bits}")
-    files = _write_layers({layer: getattr(map_, layer) for layer in _LAYERS}, stem, bits)
+    files = write_layers({layer: getattr(map_, layer) for layer in _LAYERS}, stem, bits)
     device, steps = map_.device, map_.steps
     document: dict[str, Any] = {
         "format": _FORMAT,
@@ -84,24 +83,11 @@ def write(map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16, name: str = ""
     return Written((path, *files.values()))
 
 
-def write_relief(
-    field: HeightField, map_: HapticMap, stem: Path, bits: Literal[8, 16] = 16
-) -> tuple[Path, ...]:
-    """Write ``stem.height.png``, black lowest and white highest, and ``stem.roughness.png``.
-    Roughness is 1 - sharpness. Raises OutputError for an unwritable file."""
-    heights = field.heights_m - field.heights_m.min()
-    layers = {
-        "height": heights / max(float(heights.max()), np.finfo(np.float64).tiny),
-        "roughness": 1.0 - map_.sharpness,
-    }
-    return tuple(_write_layers(layers, stem, bits).values())
-
-
-def _write_layers(
+def write_layers(
     layers: dict[str, npt.NDArray[np.floating[Any]]], stem: Path, bits: int
 ) -> dict[str, Path]:
     """Write each layer (H, W), 0..1, bottom row first, as ``stem.<name>.png`` of 8 or 16 ``bits``;
-    returns the paths by name."""
+    returns the paths by name. Raises OutputError for an unwritable file."""
     files = {name: stem.with_name(f"{stem.name}.{name}.png") for name in layers}
     for name, path in files.items():
         # PNG has the top row first.
