@@ -115,7 +115,9 @@ def _draw_in_scene() -> None:
     dimmed = off_volumes(context.scene, depsgraph)
     background = context.preferences.themes[0].view_3d.space.gradients.high_gradient
     nearer = Matrix.Identity(4)
-    nearer[2][3] = -_NEARER
+    # Before Blender 5 wires of orthographic views are offset by the view's distance.
+    view = context.region_data
+    nearer[2][3] = -_NEARER * (1.0 if view.is_perspective else 1.0 + 2.0 * view.view_distance)
     with gpu.matrix.push_pop_projection():
         gpu.matrix.load_projection_matrix(nearer @ gpu.matrix.get_projection_matrix())
         for effect in effects.effects_of(context.scene):
