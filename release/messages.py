@@ -212,6 +212,13 @@ def class_messages() -> dict[str, str]:
             for item in getattr(prop, "enum_items_static", ()):
                 add(item.name, name)
                 add(item.description, name)
+    kinds = [bpy.types.WorkSpaceTool, bpy.types.FileHandler]
+    while kinds:
+        for tool in kinds.pop().__subclasses__():
+            kinds.append(tool)
+            if tool.__module__.startswith("hfx_blender."):
+                add(getattr(tool, "bl_label", ""), tool.__name__)
+                add(getattr(tool, "bl_description", ""), tool.__name__)
     for owner in (bpy.types.Scene, bpy.types.Object, bpy.types.WindowManager):
         for prop in owner.bl_rna.properties:
             if prop.identifier.startswith("hfx"):

@@ -283,7 +283,7 @@ def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
                 text=translated(f"... and {len(facts) - _EFFECTS} more effects"), icon="BLANK1"
             )
         layout.separator()
-        layout.label(text=printable(written.text), icon="FILE_TICK")
+        layout.label(text=translated(printable(written.text)), icon="FILE_TICK")
         folder = str(report.folder)
         layout.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = folder
         layout.operator("hfx.show_report", icon="TEXT")

@@ -176,7 +176,7 @@ def draw_clip_buttons(layout: bpy.types.UILayout, prefix: str = "") -> None:
     """Draw the buttons that add a clip and a heartbeat; a prefix replaces "Add" in the labels."""
     for operator, icon in ((HFX_OT_add_clip, "NLA"), (HFX_OT_add_heartbeat, "HEART")):
         text = operator.bl_label.replace("Add", prefix) if prefix else operator.bl_label
-        layout.operator(operator.bl_idname, text=text, icon=icon)
+        layout.operator(operator.bl_idname, text=translated(text), icon=icon)
 
 
 class HFX_OT_extend_scene(HfxOperator):

@@ -39,15 +39,14 @@ _WORDS = {
 }
 _SPINE = {f"spine{number:02d}": f"Spine {6 - number}" for number in range(1, 6)}  # from below
 _NECK = {f"neck{number:02d}": f"Neck {number}" for number in range(1, 4)}
+_FINGERS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
 _BODY = {*_WORDS, *_SPINE, *_NECK} - {"jaw", "eye"}
 _DIGIT = re.compile(r"(finger|toe|metacarpal)(\d)(?:-(\d))?")
 
 
-@cache
 def label_of(bone: str) -> str:
-    """A canonical bone in words: "upperarm01.L" is "Upper Arm L"; unknown names in title case."""
-    from ...engine.body.rigs.vocabulary import FINGERS
-
+    """A canonical bone in words: "upperarm01.L" is "Upper Arm L", in the language of the
+    interface; unknown names in title case."""
     stem, side = _split(bone)
     words = {**_WORDS, **_SPINE, **_NECK}.get(stem)
     # Metacarpals are numbered from the index finger, fingers from the thumb.
@@ -57,10 +56,10 @@ def label_of(bone: str) -> str:
         if kind == "toe":
             words = f"Toe {number} Joint {joint}"
         elif kind == "finger":
-            words = f"{FINGERS[number - 1].title()} {joint}"
+            words = f"{translated(_FINGERS[number - 1])} {joint}"
         else:
-            words = f"{FINGERS[number].title()} Palm"
-    return (words or stem.title()) + _SIDES.get(side, "")
+            words = f"{translated(_FINGERS[number])} Palm"
+    return translated(words or stem.title()) + _SIDES.get(side, "")
 
 
 @cache
@@ -166,7 +165,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         if elsewhere:
             is_single = len(elsewhere) == 1
             text = f"Take {len(elsewhere)} {'Effect' if is_single else 'Effects'} of Other Bodies"
-            take = layout.operator("hfx.move_to_body", text=text, icon="FORWARD")
+            take = layout.operator("hfx.move_to_body", text=translated(text), icon="FORWARD")
             take.which, take.body = "ALL", body.name
         layout.label(text=body.name, icon="ARMATURE_DATA")
         for mesh in avatar_meshes.meshes_of(body):

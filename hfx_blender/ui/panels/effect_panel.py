@@ -75,7 +75,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         row.prop(hfx, "intensity")
         for control in MODALITIES[hfx.modality].controls:
             label = hfx.bl_rna.properties[control.prop].name
-            draw_with_unit(layout, hfx, control.prop, f"{label} ({control.symbol})")
+            draw_with_unit(layout, hfx, control.prop, f"{translated(label)} ({control.symbol})")
         if hfx.modality == "temperature":
             layout.prop(hfx, "temperature_reference")
         if hfx.kind == "VOLUME":
@@ -289,7 +289,7 @@ class HFX_PT_path(HfxPanel, bpy.types.Panel):
         try:
             length = paths.length_m(effect)
         except InputError as error:
-            layout.label(text=str(error), icon="ERROR")
+            layout.label(text=translated(str(error)), icon="ERROR")
             length = 0.0
         layout.label(
             text=translated(

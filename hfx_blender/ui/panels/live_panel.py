@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ...blender.translation import translated
 from ...playback.live.latency import uncompensated
 from ...playback.live.live import live
 from ...playback.preview.preview import preview
@@ -56,7 +57,7 @@ def _draw_advice(context: bpy.types.Context, box: bpy.types.UILayout) -> None:
     manager = context.window_manager
     for name, what in (("hfx_preview", "What Is Felt"), ("hfx_show_actuators", "Actuators")):
         if getattr(manager, name):
-            text = f"Stop Showing {what}"
+            text = translated(f"Stop Showing {translated(what)}")
             column.prop(manager, name, text=text, invert_checkbox=True, toggle=1)
     draw_text(context, box, "Then press Play: devices begin from silence")
 
@@ -140,7 +141,7 @@ def _draw_device(
     detail = state.text or state.unit
     draw_text(context, box, f"{text}: {detail}" if detail else text, icon)
     offset = f"Offset {live.offset_ms(item.name):g} ms"
-    box.operator("hfx.live_offset", text=offset, icon="TIME").name = item.name
+    box.operator("hfx.live_offset", text=translated(offset), icon="TIME").name = item.name
     device = live.device(item.name)
     if device is None or not state.is_armed:
         return
