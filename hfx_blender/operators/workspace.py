@@ -163,6 +163,8 @@ def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iter
         clips.type, timeline.ui_type, browser.ui_type = "NLA_EDITOR", "TIMELINE", "ASSETS"
         clips.spaces.active.show_region_ui = False
         clips.spaces.active.dopesheet.show_missing_nla = False  # rows without clips
+        if hasattr(timeline.spaces.active, "show_region_channels"):
+            timeline.spaces.active.show_region_channels = False
         timeline.show_menus = False  # room for the buttons of playback
         # By a timer: Blender sizes the editor at the next drawing.
         call_soon(partial(_frame_clips, window, clips), _DRAWN_S)
