@@ -24,11 +24,12 @@ from ..host.output import OutputLostError
 from .discovery import FoundPort, answers, port_of, serial_ports
 from .live_settings import LiveSettings
 
+_PROGRAMS: Final[dict[type, str]] = {
+    BhapticsEncoder: "the bHaptics Player",
+    ButtplugEncoder: "Intiface Central, and its server",
+}
 _REPEAT_S: Final = 1.0
 _LONGEST_S: Final = 300.0  # an abandoned search ends
-
-NO_OUTPUT: Final = "No output in the configuration: use the sound card or the log, or export files"
-NO_VIBRATION: Final = "A sound card plays vibration only; the device has none"
 
 
 Choices = tuple[tuple[str, str], ...]
@@ -47,8 +48,10 @@ class Connections:
 def why_not(device: DeviceConfig, kind: str) -> str:
     """Reason why a device cannot have settings of a kind; "" if the device can."""
     if kind == "DEVICE" and device.output is None:
-        return NO_OUTPUT
-    return NO_VIBRATION if kind == "AUDIO" and "vibration" not in device.modalities else ""
+        return "No output in the configuration: use the sound card or the log, or export files"
+    if kind == "AUDIO" and "vibration" not in device.modalities:
+        return "A sound card plays vibration only; the device has none"
+    return ""
 
 
 def searched(device: DeviceConfig, settings: LiveSettings) -> Generator[Connections, None, None]:
@@ -103,14 +106,11 @@ def _served(device: DeviceConfig, settings: LiveSettings) -> Iterator[Connection
     how, transport = device.output.encoder, device.output.transport
     assert not isinstance(transport, SerialTransport)
     host, port = settings.host or transport.host, settings.port or str(transport.port)
-    if not port.isdecimal():
-        while True:
-            yield Connections(hint=f"'{port}' is no network port: allowed is 1 to 65535")
-    program = "the bHaptics Player" if isinstance(how, BhapticsEncoder) else "your program"
-    if isinstance(how, ButtplugEncoder):
-        program = "Intiface Central, and its server"
+    program = _PROGRAMS.get(type(how), "your program")
     while True:
-        if not answers(host, int(port)):
+        if not (port.isdecimal() and len(port) < 6 and 0 < int(port) < 65536):
+            yield Connections(hint=f"'{port}' is no network port: allowed is 1 to 65535")
+        elif not answers(host, int(port)):
             yield Connections(hint=f"No program answers at {host}:{port}: start {program}")
         elif not isinstance(how, ButtplugEncoder):
             yield Connections()

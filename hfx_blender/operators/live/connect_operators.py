@@ -158,6 +158,10 @@ class HFX_OT_live_connect(OfDevice):
             setattr(self, field, value)
         if why_not(facts.device, self.kind):
             self.kind = "SIMULATOR"
+        try:
+            live_settings.named(self.name)
+        except live_settings.UnapprovedScriptError:
+            live.unapproved.add(self.name)
         self.check(context)
         return context.window_manager.invoke_props_dialog(
             self, width=_WIDTH, title=translated(f"Connect '{facts.title}'"), confirm_text="Connect"
@@ -203,6 +207,9 @@ class HFX_OT_live_connect(OfDevice):
             column.prop(self, "path")
         column.prop(self, "offset_ms")
         newest = search.newest
+        if self.name in live.unapproved:
+            layout.label(text="The device has a script: approve it first", icon="ERROR")
+            layout.operator("hfx.live_approve", icon="FILE_SCRIPT").name = self.name
         if newest is None:
             layout.label(text="Searching...", icon="SORTTIME")
         elif newest.hint:

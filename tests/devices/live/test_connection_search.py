@@ -81,7 +81,8 @@ def test_a_program_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch
     assert actual.hint.endswith(":15881: start the bHaptics Player")
     monkeypatch.setattr(connection_search, "answers", lambda host, port: True)
     assert first(suit, LiveSettings("DEVICE")).hint == ""
-    assert "'x' is no network port" in first(suit, LiveSettings("DEVICE", port="x")).hint
+    for port in ("x", "0", "65536", "9" * 5000):
+        assert "is no network port" in first(suit, LiveSettings("DEVICE", port=port)).hint
 
 
 def test_sound_cards_are_listed_with_their_channels(monkeypatch: pytest.MonkeyPatch) -> None:
