@@ -88,11 +88,12 @@ class BoundClusters:
         counts: I64 = np.diff(ends[self._starts[1:] - 1], prepend=0)
         return counts
 
+    @cached_property
     def bone_boxes(self) -> tuple[I64, I64, F64, F64]:
-        """Compute each cluster's bones, and boxes at rest of the vertices that each bone moves.
+        """Each cluster's bones, and boxes at rest of the vertices that each bone moves.
 
-        Returns the first pair of each cluster (C + 1,), the bone of each pair (P,), ascending
-        within a cluster, and the lowest and highest corner of each pair's box, (P, 3) each, m.
+        The first pair of each cluster (C + 1,), the bone of each pair (P,), ascending within a
+        cluster, and the lowest and highest corner of each pair's box, (P, 3) each, m.
         """
         most = int(np.minimum(self.weight_counts, self.bone_count).sum())
         starts, bones = np.empty(len(self._starts), np.int64), np.empty(most, np.int64)
@@ -108,16 +109,15 @@ class Clusters:
     """Per-cluster arrays of one model bound to bones, as the library reads them.
 
     Entries are computed on demand. Arrays are never changed afterwards, so that further threads may
-    read on; a new entry gets new arrays. ``pair_starts`` (C + 1,) and ``pair_bones`` (P,) are of
-    :meth:`BoundClusters.bone_boxes`. ``table`` has an ``hfx_cluster`` for each cluster, zero until
-    :meth:`add` fills it; ``most_bones`` is the largest number of bones of a cluster.
+    read on; a new entry gets new arrays. ``table`` has an ``hfx_cluster`` for each cluster, zero
+    until :meth:`add` fills it; ``most_bones`` is the largest number of bones of a cluster.
     """
 
-    def __init__(self, bound: BoundClusters, pair_starts: I64, pair_bones: I64) -> None:
+    def __init__(self, bound: BoundClusters) -> None:
         count = len(bound.place_counts)
         self.table: Any = (structure("hfx_cluster") * count)()
         self._rows = np.frombuffer(memoryview(self.table), np.int64).reshape(count, -1)
-        self._bound, self._starts, self._bones = bound, i64(pair_starts), i64(pair_bones)
+        self._bound, (self._starts, self._bones, *_) = bound, bound.bone_boxes
         self._bone_counts = np.diff(self._starts)
         self.most_bones = int(self._bone_counts.max(initial=0))
         # Without links between units all clusters share one array of zeros.

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, Self
+from typing import Any, Final
 from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
@@ -87,44 +87,6 @@ _KNOWN: Final[WeakKeyDictionary[Any, WeakValueDictionary[tuple[str, ...], BoundW
 )
 
 
-@dataclass(frozen=True, eq=False)
-class BoneBoxes:
-    """Rest-pose boxes of the vertices of each cluster weighted to each bone.
-
-    A pair is a cluster and a bone with weights in the cluster.
-    """
-
-    ends: I64  # (C + 1,) first pair of each cluster
-    bones: I64  # (P,) ascending within a cluster
-    low: F64  # (P, 3)
-    high: F64  # (P, 3)
-
-    @classmethod
-    def of(cls, weights: BoundWeights, clusters: list[I32]) -> Self:
-        """Rest-space boxes of the clusters' vertices by bone; clusters must not be empty."""
-        return cls(*weights.clusters(clusters).bone_boxes())
-
-    @cached_property
-    def centres(self) -> F64:
-        """Centres (P, 3) of the boxes, rest space."""
-        return np.asarray((self.low + self.high) / 2)
-
-    @cached_property
-    def halves(self) -> F64:
-        """Half edge lengths (P, 3) of the boxes."""
-        return np.asarray((self.high - self.low) / 2)
-
-    @cached_property
-    def used(self) -> I64:
-        """Indices of bones with weights in any cluster, ascending, unique."""
-        return np.unique(self.bones)
-
-    @cached_property
-    def slots(self) -> I64:
-        """Index (P,) into ``used`` of the bone of each pair."""
-        return np.searchsorted(self.used, self.bones)
-
-
 class SkinnedModel:
     """Perceptual model posed by linear blend skinning.
 
@@ -141,17 +103,17 @@ class SkinnedModel:
         self._factors: dict[int, tuple[I64, F64]] = {}
 
     @cached_property
-    def _boxes(self) -> BoneBoxes:
-        return BoneBoxes.of(self._weights, self.clusters)
+    def _bound(self) -> BoundClusters:
+        return self._weights.clusters(self.clusters)
 
     @cached_property
     def _native(self) -> Clusters:
-        bound = self._weights.clusters(self.clusters)
-        return Clusters(bound, self._boxes.ends, self._boxes.bones)
+        return Clusters(self._bound)
 
     def cluster_bones(self, cluster: int) -> I64:
         """Bones with weights in a cluster, ascending."""
-        return self._boxes.bones[self._boxes.ends[cluster] : self._boxes.ends[cluster + 1]]
+        starts, bones, *_ = self._bound.bone_boxes
+        return bones[starts[cluster] : starts[cluster + 1]]
 
     def _cluster_factors(self, cluster: int) -> tuple[I64, F64]:
         """Ascending bones of a cluster (Bc,), and skin weights times homogeneous rest positions
@@ -188,8 +150,9 @@ class SkinnedModel:
     @cached_property
     def outline(self) -> Outline:
         """Bone boxes of each cluster for the native library."""
-        slots, boxes = self._boxes.slots, (self._boxes.centres, self._boxes.halves)
-        return Outline(self._boxes.used, self._boxes.ends, slots, *boxes)
+        starts, bones, low, high = self._bound.bone_boxes
+        slots = np.searchsorted(self.used_bones, bones)
+        return Outline(self.used_bones, starts, slots, (low + high) / 2, (high - low) / 2)
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
         bones, factors = self._cluster_factors(cluster)
@@ -211,10 +174,10 @@ class SkinnedModel:
             points.append(_products(matrices[at[pairs, None], slots[bones]], factors))
         return np.concatenate(points, axis=1)
 
-    @property
+    @cached_property
     def used_bones(self) -> I64:
         """Bones with weights, ascending; the number of bones is the bone at rest."""
-        return self._boxes.used
+        return np.unique(self._bound.bone_boxes[1])
 
     def native_clusters(self, clusters: I64, table: SkinTable | None = None) -> Clusters:
         """Native table of all clusters, with the given clusters filled (ids); neighbours around the

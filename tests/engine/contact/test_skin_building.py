@@ -24,7 +24,7 @@ from hfx_blender.engine.scene import SkinBinding
 from hfx_blender.engine.skin.cell_coverage import BoundSkins, SkinCoverage, finer_id
 from hfx_blender.engine.skin.posing import clusters_of
 from hfx_blender.engine.skin.skin_table import SkinMesh
-from hfx_blender.engine.skin.skinned_model import BoneBoxes, BoundWeights, SkinnedModel
+from hfx_blender.engine.skin.skinned_model import BoundWeights, SkinnedModel
 from hfx_blender.engine.tolerance import STANDARD, Tolerance
 
 pytestmark = needs_library
@@ -136,18 +136,19 @@ def test_boxes_of_bones_contain_the_weighted_vertices(seed):
     model = crumpled(seed)
     weights, clusters = BoundWeights.of(model, ("extra", *BONES)), _clusters(model, seed)
     assert (weights.bones == weights.bone_count).any(), "some rest"
-    actual, pair = BoneBoxes.of(weights, clusters), 0
-    assert actual.ends.dtype == actual.bones.dtype == np.int64
+    starts, bones, low, high = weights.clusters(clusters).bone_boxes
+    assert starts.dtype == bones.dtype == np.int64
+    pair = 0
     for k, ids in enumerate(clusters):
         moved: dict[int, list[np.ndarray]] = {}
         for vertex in ids.tolist():
             for bone in weights.bones[weights.offsets[vertex] : weights.offsets[vertex + 1]]:
                 moved.setdefault(int(bone), []).append(weights.rest[vertex, :3])
-        assert actual.ends[k] == pair
+        assert starts[k] == pair
         for bone, places in sorted(moved.items()):
-            assert actual.bones[pair] == bone == actual.used[actual.slots[pair]]
-            np.testing.assert_array_equal(actual.low[pair], np.min(places, axis=0))
-            np.testing.assert_array_equal(actual.high[pair], np.max(places, axis=0))
+            assert bones[pair] == bone
+            np.testing.assert_array_equal(low[pair], np.min(places, axis=0))
+            np.testing.assert_array_equal(high[pair], np.max(places, axis=0))
             pair += 1
 
 

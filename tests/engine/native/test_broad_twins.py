@@ -21,7 +21,7 @@ from hfx_blender.engine.kinematics.placement_motion import largest_stretch, turn
 from hfx_blender.engine.native import cluster_bounds as native_bounds
 from hfx_blender.engine.scene import PoseBlock, SkinBinding
 from hfx_blender.engine.skin.cell_coverage import BoundSkins
-from hfx_blender.engine.skin.skinned_model import BoneBoxes, BoundWeights, SkinnedModel
+from hfx_blender.engine.skin.skinned_model import BoundWeights, SkinnedModel
 
 pytestmark = needs_library
 
@@ -34,10 +34,9 @@ def _skin(model, tolerance):
 
 def _boxes(skin, pose, rows):
     """Return cluster boxes, and the hulls of the boxes transformed by each bone."""
-    known = BoneBoxes.of(
-        BoundWeights.of(skin.skin.surface, skin.binding.bone_names), skin.skin.outlines
-    )
-    ends, bones, centres, halves = known.ends, known.bones, known.centres, known.halves
+    weights = BoundWeights.of(skin.skin.surface, skin.binding.bone_names)
+    ends, bones, least, most = weights.clusters(skin.skin.outlines).bone_boxes
+    centres, halves = (least + most) / 2, (most - least) / 2
     still = np.tile(np.eye(4)[:3], (len(pose.bones), 1, 1, 1))
     posed = np.concatenate([pose.bones, still], axis=1)[rows][:, bones]
     to_world, margins = pose.to_world[rows], skin.skin.margins_m
