@@ -18,8 +18,8 @@ from hfx_blender.engine.arrays import F32, F64
 from hfx_blender.engine.texture.mcha import MapSettings, make_map
 from hfx_blender.engine.texture.procedural import KINDS, MATERIALS
 from hfx_blender.errors import InputError
+from hfx_blender.generation.library_search import Steering, albedo, steered
 from hfx_blender.generation.picture_folder import SUFFIXES, surface_of
-from hfx_blender.generation.steering import Steering, albedo, steered
 from hfx_blender.generation.surface_words import COLOURS
 
 COUNT: Final = 16_000

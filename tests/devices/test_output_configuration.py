@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.configurations.output_reader import is_local
+from hfx_blender.devices.configurations.configuration_reader import is_local
 from hfx_blender.engine.rendering.device_config import (
     BhapticsEncoder,
     ButtplugEncoder,

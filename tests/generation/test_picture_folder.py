@@ -15,7 +15,7 @@ import pytest
 from hfx_blender.errors import InputError
 from hfx_blender.formats.pictures import png
 from hfx_blender.generation import picture_folder
-from hfx_blender.generation.picture_prompts import prompt_of
+from hfx_blender.generation.picture_folder import prompt_of
 from hfx_tools.commands.watched_folder import WatchedFolder
 
 PARAMETERS = """rough oak planks, <lora:grain:0.7>

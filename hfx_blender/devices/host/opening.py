@@ -17,7 +17,7 @@ from ...engine.rendering.device_config import (
     TextEncoder,
     WireEncoder,
 )
-from ..configurations.output_reader import is_local
+from ..configurations.configuration_reader import is_local
 from ..transports.log_outputs import CsvLog, Simulator
 from ..transports.serial_port import SerialFrames, SerialPort
 from .encoders import FrameEncoder

@@ -14,7 +14,7 @@ from typing import Final
 
 from ...engine.rendering.device_config import ButtplugEncoder, DeviceConfig, WebsocketTransport
 from ...errors import DeviceError, HfxError
-from ..configurations.output_reader import is_local
+from ..configurations.configuration_reader import is_local
 from ..host.output import OutputLostError
 
 ANSWER_S: Final = 0.15

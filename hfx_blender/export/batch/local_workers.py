@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -84,7 +85,7 @@ class UnitWorker:
         """Start a process and wait until its Blender runs; the wait is at most 300 s, or for units
         with a limit below 300 s at most ``limit_s``, but 60 s or more. Raises as :meth:`do`,
         WorkerDiedError also after :meth:`close`."""
-        worker = Worker("export.batch.export_worker", variables=self._variables, keeps_errors=True)
+        worker = Worker("export.batch.work", variables=self._variables, keeps_errors=True)
         if not self._closed:
             worker.start()
         self._worker, self._count = worker, 0
@@ -231,7 +232,7 @@ class LocalWorkers:
         stage = Path(tempfile.mkdtemp(dir=unit.stage))
         outcome: Outcome = {"error": ""}
         try:
-            outcome = do_or_retry(worker, unit.in_stage(stage), progress, self._limit_s)
+            outcome = do_or_retry(worker, replace(unit, stage=str(stage)), progress, self._limit_s)
             return outcome
         finally:
             # A dead process leaves its files. After success the files of a part stay for the merge.

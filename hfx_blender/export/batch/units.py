@@ -8,7 +8,7 @@ Units and outcomes are JSON, for worker processes.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -91,10 +91,6 @@ class Unit:
     def title(self) -> str:
         """Name of the scene's file in messages."""
         return "the open file" if self.input is None else Path(self.input).name
-
-    def in_stage(self, stage: Path) -> Unit:
-        """Copy of the unit with another folder for unfinished files."""
-        return replace(self, stage=str(stage))
 
     def as_json(self) -> dict[str, Any]:
         """Plain data, for :meth:`from_json`."""

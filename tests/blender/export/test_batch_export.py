@@ -282,7 +282,7 @@ def test_an_interrupted_batch_goes_on_where_it_was(
 def test_a_worker_whose_master_has_gone_ends(moving: Path, tmp_path: Path) -> None:
     unit = _unit(moving, tmp_path / "o", tmp_path / "s", frames=(0, 1_000_000))
     worker = subprocess.Popen(
-        [sys.executable, "-m", "hfx_blender.export.batch.export_worker"],
+        [sys.executable, "-m", "hfx_blender.export.batch.work"],
         env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
     )  # fmt: skip
     assert worker.stdin is not None and worker.stdout is not None

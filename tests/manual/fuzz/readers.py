@@ -40,7 +40,7 @@ from hfx_blender.formats.hjif import hjif_reader, to_signals
 from hfx_blender.formats.pictures import png, point_cloud, texture_map
 from hfx_blender.formats.rasters import csv_raster, npz_raster
 from hfx_blender.formats.registry import FORMATS, FormatInfo
-from hfx_blender.generation.picture_prompts import prompt_of
+from hfx_blender.generation.picture_folder import prompt_of
 
 Reader = Callable[[bytes], None]
 
