@@ -10,9 +10,9 @@ with time cannot be measured at a single time (:data:`_CHANGING`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import bpy
 import numpy as np
@@ -20,6 +20,7 @@ from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
 from ..blender import mesh_arrays
+from ..blender.scene_info import nodes_of
 from ..engine.arrays import F64, I32, I64
 from . import avatar_meshes, mesh_copies
 
@@ -193,20 +194,8 @@ def _is_changing(mesh: bpy.types.Object, name: str) -> bool:
     if any(path.startswith(own) for path in mesh_copies.animated_paths(mesh)):
         return True
     if modifier.type == "NODES":
-        return any(node.bl_idname in _CHANGING_NODES for node in _nodes_of(modifier.node_group))
+        return any(node.bl_idname in _CHANGING_NODES for node in nodes_of(modifier.node_group))
     return modifier.type in _CHANGING
-
-
-def _nodes_of(group: Any, seen: set[str] | None = None) -> Iterator[Any]:
-    """Yield all nodes of a node group and of nested groups, each group once."""
-    seen = set() if seen is None else seen
-    if group is None or group.name_full in seen:
-        return
-    seen.add(group.name_full)
-    for node in group.nodes:
-        yield node
-        if getattr(node, "node_tree", None) is not None:
-            yield from _nodes_of(node.node_tree, seen)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scenes: units of length and time, and the objects of their background scenes.
+"""Scenes: units of length and time, objects of their background scenes; nodes of node trees.
 
 Blender evaluates and shows the objects of a background scene (``background_set``) in the scene that
 refers to the background. A background scene may have a background scene in turn; Blender rejects
@@ -75,3 +75,17 @@ def layer_of(background: bpy.types.Scene) -> bpy.types.ViewLayer:
     """View layer shown of a background scene: the first for rendering, else the first."""
     layers = background.view_layers
     return next((layer for layer in layers if layer.use), layers[0])
+
+
+def nodes_of(
+    tree: bpy.types.NodeTree | None, seen: set[str] | None = None
+) -> Iterator[bpy.types.Node]:
+    """Yield the nodes of a tree and of nested groups, each group once; none for None. Full names of
+    the trees are added to ``seen``, in place; trees in it are left out."""
+    seen = set() if seen is None else seen
+    # Blender refuses groups within themselves, but a damaged file may have some.
+    if tree is not None and tree.name_full not in seen:
+        seen.add(tree.name_full)
+        for node in tree.nodes:
+            yield node
+            yield from nodes_of(getattr(node, "node_tree", None), seen)

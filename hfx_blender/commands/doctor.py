@@ -75,8 +75,15 @@ def system_information(blender_fault: str = "") -> dict[str, str]:
         Reason why Blender's module is not loaded; empty if it is loaded.
     """
     own = sorted(path.stem for path in resources.user_devices().glob("*.json"))
+    kind = "extension" if __package__.startswith("bl_ext.") else "command"
+    folders = {
+        "body models": resources.body_models(),
+        "the user's devices": resources.user_devices(),
+        "the user's sensations": resources.user_effects(),
+        "settings": resources.live_settings().parent,
+    }
     facts = {
-        "HFX": f"{__version__}, {'extension' if _is_extension() else 'command'}",
+        "HFX": f"{__version__}, {kind}",
         "Blender": blender_fault or _blender(),
         "Python": f"{platform.python_version()} ({platform.python_implementation()})",
         "System": f"{platform.platform()}, {os.cpu_count()} processors",
@@ -86,7 +93,7 @@ def system_information(blender_fault: str = "") -> dict[str, str]:
     facts |= {
         "Serial ports": ", ".join(_ports()) or "none",
         "Sound cards": _sound_cards(),
-        **{f"Folder of {name}": _folder(path) for name, path in _folders().items()},
+        **{f"Folder of {name}": _folder(path) for name, path in folders.items()},
         "Devices of the user": ", ".join(own) or "none",
         "Approved scripts": approval.fault_of_list() or str(len(approval.approved())),
     }
@@ -103,10 +110,6 @@ def without_personal_names(text: str) -> str:
     except (OSError, KeyError, ImportError):
         return text
     return re.sub(rf"(?<![\w]){re.escape(user)}(?![\w])", "USER", text)
-
-
-def _is_extension() -> bool:
-    return __package__.startswith("bl_ext.")
 
 
 def _blender() -> str:
@@ -148,15 +151,6 @@ def _sound_cards() -> str:
         return f"none ({error})"
     names = (f"{card['name']} ({card['max_output_channels']} channels)" for card in cards)
     return ", ".join(names) or "none"
-
-
-def _folders() -> dict[str, Path]:
-    return {
-        "body models": resources.body_models(),
-        "the user's devices": resources.user_devices(),
-        "the user's sensations": resources.user_effects(),
-        "settings": resources.live_settings().parent,
-    }
 
 
 def _folder(path: Path) -> str:

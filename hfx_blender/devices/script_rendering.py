@@ -17,10 +17,9 @@ import numpy as np
 
 from ..engine.arrays import F64
 from ..engine.rendering.device_config import DeviceConfig
-from ..engine.rendering.render import Played, blocks, renderers_of_track
+from ..engine.rendering.render import Played, blocks
 from ..engine.rendering.renderer import Renderer
 from ..engine.samples import SampleRun
-from ..engine.stepwise import finish
 from ..engine.track import TrackHeader, TrackReader
 from ..errors import InputError, ScriptError
 from ..processes.messages import Message, MessageError, MessageKind, encode_json, message
@@ -67,16 +66,6 @@ class Rendered:
         for reason in self.silent.values():
             raise ScriptError(f"{reason}.")
         return self
-
-
-def render_devices(track: TrackReader, devices: Sequence[DeviceConfig]) -> list[Played]:
-    """Render a recorded track for each device on each body.
-
-    Raises ScriptError: a device's script may not run, or has failed.
-    Raises InputError: a place of a device does not fit a model, or the models differ from the
-    track's.
-    """
-    return finish(rendering(track, renderers_of_track(track, devices))).complete().played
 
 
 def rendering(

@@ -73,8 +73,9 @@ class Worker:
     ) -> None:
         self._module = module, *arguments
         self._variables, self._keeps_errors = variables, keeps_errors
-        self._take = received or Worker._keep
-        self._ended = ended or Worker._keep_end
+        # Without functions of the caller both threads fill the queue of receive().
+        self._take = received or (lambda worker, message: worker._received.put(message))
+        self._ended = ended or (lambda worker, _reason: worker._received.put(None))
         self._outgoing = outgoing or (lambda worker: iter(worker._unsent.get, None))
         self._unsent: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._received: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
@@ -217,12 +218,6 @@ class Worker:
         with suppress(OSError, ValueError), io.BufferedReader(stream) as lines:
             for line in lines:
                 self._last_lines.append(line.decode(errors="replace").strip())
-
-    def _keep(self, message: Message) -> None:
-        self._received.put(message)
-
-    def _keep_end(self, _reason: str) -> None:
-        self._received.put(None)
 
 
 def _write_all(stream: Any, content: bytes) -> None:

@@ -37,7 +37,7 @@ from pathlib import Path
 from hfx_blender.processes import blender_session
 bpy = blender_session.start()
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.script_rendering import render_devices
+from hfx_tools.track_rendering import render_devices
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.scene_export import ExportSettings, SceneExport
 from hfx_blender.formats import writing

@@ -54,7 +54,6 @@ def run(options: argparse.Namespace, console: Console) -> int:
     bpy = blender_session.start()
 
     from hfx_blender.devices.configuration import load_device
-    from hfx_blender.devices.script_rendering import render_devices
     from hfx_blender.engine.track import TrackReader
     from hfx_blender.export.scene_export import ExportSettings, export_scene
 
@@ -62,6 +61,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..demo.demo_charts import draw_track
     from ..demo.scene_file import build_and_open
     from ..demo.summary import summarise
+    from ..track_rendering import render_devices
 
     folder: Path = options.output
     make_folder(folder)

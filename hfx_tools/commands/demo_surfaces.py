@@ -21,12 +21,12 @@ def run(options: argparse.Namespace, console: Console) -> int:
     bpy = blender_session.start()
 
     from hfx_blender.devices.configuration import load_device
-    from hfx_blender.devices.script_rendering import render_devices
     from hfx_blender.engine.track import TrackReader
     from hfx_blender.export.scene_export import ExportSettings, export_scene
 
     from ..demo import board
     from ..demo.scene_file import build_and_open
+    from ..track_rendering import render_devices
 
     folder: Path = options.output
     make_folder(folder)

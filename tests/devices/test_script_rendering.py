@@ -19,7 +19,7 @@ from hfx_blender.commands.conversion import convert
 from hfx_blender.devices import script_rendering
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import approval
-from hfx_blender.devices.script_rendering import Rendered, render_devices, rendering
+from hfx_blender.devices.script_rendering import Rendered, rendering
 from hfx_blender.devices.workers.haptics import encode_haptics
 from hfx_blender.devices.workers.script_process import ScriptProcess
 from hfx_blender.engine.body.model import load_model
@@ -36,6 +36,7 @@ from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader,
 from hfx_blender.errors import ScriptError
 from hfx_blender.export.batch import journal
 from hfx_blender.files import resources
+from hfx_tools.track_rendering import render_devices
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = {"vibration": "hfx-vibration-1", "temperature": "hfx-temperature-1"}

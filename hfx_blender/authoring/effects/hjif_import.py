@@ -24,7 +24,7 @@ from ...formats.hjif.body_parts import vertex_masks
 from ...formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
 from ...formats.rasters.signal_raster import TICK_S
 from ...formats.signals.curves import Curve, with_crossings
-from ...formats.signals.signals import Piece, Signal, mixed, simplified_signals
+from ...formats.signals.signals import Piece, mixed, simplified_signals
 from .. import clips
 from . import effects
 
@@ -55,7 +55,11 @@ def import_hjif(
         own_models, notes = _own_models(document, path.parent), list(tolerated)
     else:
         signals, _ = read_signals(path)
-        channels = [_with_ticks(_envelope_of(signal, path.stem)) for signal in signals]
+        channels = []
+        for signal in signals:  # vibration of no body part, of the file's name without one
+            curves = signal.amplitude, signal.frequency_hz, signal.transients
+            head = (VIBRATIONS[0], signal.name or path.stem, 0, ())
+            channels.append(_with_ticks(Envelope(*head, *curves, None, signal.left_out)))
         notes = [note for signal in signals for note in signal.notes]
     created: list[bpy.types.Object] = []
     left_out: list[str] = []
@@ -73,12 +77,6 @@ def import_hjif(
             is_own = effects.model_id_for(modality) in own_models
             created += _add_effects(scene, envelope, modality, body, frame, is_own)
     return created, left_out, notes
-
-
-def _envelope_of(signal: Signal, title: str) -> Envelope:
-    """Envelope of a vibration signal without a body part; ``title`` names a nameless channel."""
-    curves = signal.amplitude, signal.frequency_hz, signal.transients
-    return Envelope(VIBRATIONS[0], signal.name or title, 0, (), *curves, None, signal.left_out)
 
 
 def _with_ticks(envelope: Envelope) -> Envelope:

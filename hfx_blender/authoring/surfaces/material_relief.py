@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import bpy
 
-from ...blender.scene_info import metres_of
+from ...blender.scene_info import metres_of, nodes_of
 from ...errors import InputError
 
 if TYPE_CHECKING:
@@ -216,18 +216,6 @@ def _dependency(node: bpy.types.Node, uv_map: str) -> str:
     return ""
 
 
-def nodes_of(
-    tree: bpy.types.NodeTree, seen: frozenset[str] = frozenset()
-) -> Iterator[bpy.types.Node]:
-    """Yield the nodes of a tree and of nested groups; ``seen``: full names of outer groups."""
-    for node in tree.nodes:
-        yield node
-        group = getattr(node, "node_tree", None)
-        # Blender refuses groups within themselves, but a damaged file may have some.
-        if group is not None and group.name_full not in seen:
-            yield from nodes_of(group, seen | {group.name_full})
-
-
 def saturation_warning(obj: bpy.types.Object, haptic_map: HapticMap) -> str:
     """Warning about a map at full strength on half of the area or more; empty without a fault.
 
@@ -258,7 +246,7 @@ def _tallest(
     candidates = []
     for slot in obj.material_slots:
         tree = slot.material.node_tree if slot.material is not None else None
-        for node in nodes_of(tree) if tree is not None else ():
+        for node in nodes_of(tree):
             factor = node.inputs.get(_HEIGHT_INPUTS.get(node.type, ""))
             if factor is None or factor.is_linked or not node.inputs["Height"].is_linked:
                 continue
@@ -344,8 +332,7 @@ def material_hash(obj: bpy.types.Object) -> str:
 def images_of(obj: bpy.types.Object) -> set[bpy.types.Image]:
     """Images used by the nodes of an object's materials."""
     materials = [slot.material for slot in obj.material_slots if slot.material is not None]
-    trees = [material.node_tree for material in materials if material.node_tree]
-    nodes = (node for tree in trees for node in nodes_of(tree))
+    nodes = (node for material in materials for node in nodes_of(material.node_tree))
     return {node.image for node in nodes if getattr(node, "image", None) is not None}
 
 

@@ -13,7 +13,7 @@ from fractions import Fraction
 
 import bpy
 
-from ...blender.scene_info import scene_objects
+from ...blender.scene_info import nodes_of, scene_objects
 from .reached import reached_from
 
 _PHYSICS = {
@@ -168,25 +168,10 @@ def _is_simulated(obj: bpy.types.Object) -> bool:
 def _simulates(modifier: bpy.types.Modifier) -> bool:
     """Test for a modifier with physics (see :data:`_PHYSICS`) or with a simulation zone in the
     nodes."""
-    if modifier.type == "NODES" and modifier.node_group is not None:
-        return _has_simulation(modifier.node_group, set())
+    if modifier.type == "NODES":
+        kinds = (node.bl_idname for node in nodes_of(modifier.node_group))
+        return "GeometryNodeSimulationInput" in kinds
     return modifier.type in _PHYSICS
-
-
-def _has_simulation(tree: bpy.types.NodeTree, seen: set[str]) -> bool:
-    """Search a node tree and the groups for a simulation zone. Names of searched trees are added to
-    ``seen``, in place, and not searched again."""
-    seen.add(tree.name_full)
-    return any(
-        node.bl_idname == "GeometryNodeSimulationInput"
-        or (
-            node.type == "GROUP"
-            and node.node_tree is not None
-            and node.node_tree.name_full not in seen
-            and _has_simulation(node.node_tree, seen)
-        )
-        for node in tree.nodes
-    )
 
 
 def _starts(obj: bpy.types.Object) -> Iterator[int]:

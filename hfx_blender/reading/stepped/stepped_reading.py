@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import bpy
 import numpy as np
@@ -153,11 +153,7 @@ def pose_block(rows: Sequence[PoseRow | None]) -> PoseBlock:
 class _Settings:
     """Cached settings of an effect without animated settings: only its placement changes."""
 
-    level: float
-    parameters: list[float]  # in the modality's order; wind: the speed only
-    place: F64 | None
-    drive: F64 | None
-    shape: Shape | None
+    row: EffectRow  # without matrix; parameters of wind: the speed only
     scale: F64 | None  # (3,) shape space to local space; None: no volume
     is_wind: bool
     is_mesh: bool  # deforming mesh: its shape is read at each time
@@ -294,32 +290,26 @@ class SteppedReading:
             return
         is_volume, is_wind = hfx.kind == "VOLUME", hfx.modality == "wind"
         assert row.parameters is not None
-        self._settings[which] = _Settings(
-            row.level,
-            row.parameters[:1] if is_wind else row.parameters,
-            row.place,
-            row.drive,
-            row.shape,
-            volumes.shape_scale(hfx) if is_volume else None,
-            is_wind,
-            is_mesh,
-        )
+        parameters = row.parameters[:1] if is_wind else row.parameters
+        scale = volumes.shape_scale(hfx) if is_volume else None
+        kept = replace(row, parameters=parameters, matrix=None)
+        self._settings[which] = _Settings(kept, scale, is_wind, is_mesh)
 
     def _moved(
         self, cached: _Settings, evaluated: bpy.types.Object, effect: bpy.types.Object
     ) -> EffectRow:
         """Row of an effect from cached settings and the present placement; of a deforming mesh with
         the present box."""
-        row = EffectRow(cached.level, cached.parameters, place=cached.place, drive=cached.drive)
+        row = replace(cached.row)
         if cached.scale is None and not cached.is_wind:
             return row
         world = effect_values.world_matrix(evaluated)
         if cached.is_wind:
-            row.parameters = [*cached.parameters, *effect_values.directions(world).tolist()]
+            row.parameters = [*row.parameters, *effect_values.directions(world).tolist()]
         if cached.scale is not None:
             world[:3] *= self._unit_m
             world[:3, :3] *= cached.scale
-            row.matrix, row.shape = world, cached.shape
+            row.matrix = world
             if cached.is_mesh:
                 row.shape = self._shapes.box_of(effect, evaluated)
         return row
@@ -333,8 +323,9 @@ class SteppedReading:
         """Block of a settled volume (see :meth:`is_settled`) from placements (T, 4, 4) in Blender
         units. Level and parameters are 0, and matrices the identity, at absent times."""
         cached = self._settings[which]
-        assert cached.scale is not None and cached.shape is not None
-        parameters = np.repeat(np.array([cached.parameters], np.float64), len(is_present), axis=0)
+        level, shape = cached.row.level, cached.row.shape
+        assert cached.scale is not None and shape is not None
+        parameters = np.tile(np.array(cached.row.parameters, np.float64), (len(is_present), 1))
         if cached.is_wind:
             parameters = np.hstack([parameters, effect_values.directions(matrices)])
         world = matrices.copy()
@@ -342,10 +333,10 @@ class SteppedReading:
         world[:, :3, :3] *= cached.scale
         world[~is_present] = np.eye(4)
         return EffectBlock(
-            np.where(is_present, cached.level, 0.0),
+            np.where(is_present, level, 0.0),
             np.where(is_present[:, None], parameters, 0.0),
             matrices=world,
-            shapes=(cached.shape,),
+            shapes=(shape,),
         )
 
     def _read_pose(self, which: int, stepper: Stepper) -> PoseRow | None:

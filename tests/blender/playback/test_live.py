@@ -23,7 +23,6 @@ from hfx_blender.blender import compat, events
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import discovery, live_settings
 from hfx_blender.devices.live.discovery import FoundPort
-from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import DeviceError
@@ -42,6 +41,7 @@ from hfx_blender.reading.description.scene_settings import scene_tolerance
 from hfx_blender.reading.live_scene import LiveScene
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_blender.reading.stepped import stepping
+from hfx_tools.track_rendering import render_devices
 
 pytestmark = pytest.mark.usefixtures("patient_devices")
 

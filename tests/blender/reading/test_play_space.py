@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.script_rendering import render_devices
 from hfx_blender.engine.rendering.device_config import DeviceConfig, RoomPlace
 from hfx_blender.engine.track import SUFFIX, TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.reading.description.scene_settings import play_space_now, scene_tolerance
 from hfx_blender.reading.live_scene import LiveScene
+from hfx_tools.track_rendering import render_devices
 
 
 @pytest.fixture
