@@ -183,16 +183,11 @@ class LiveClient:
 
     def pulse(self, name: str, actuator: int) -> None:
         """Play a soft test pulse on an actuator, by index; ignored for an unknown name."""
-        if name in self.devices:
-            self.pipe.send(
-                MessageKind.PULSE, self.devices[name].number, encode_json({"actuator": actuator})
-            )
+        self._command(MessageKind.PULSE, name, encode_json({"actuator": actuator}))
 
     def set_offset(self, name: str, offset_ms: float) -> None:
         """Change the delay of a device's values; ignored for an unknown name."""
-        if name in self.devices:
-            number = self.devices[name].number
-            self.pipe.send(MessageKind.SETTINGS, number, encode_json({"offset_ms": offset_ms}))
+        self._command(MessageKind.SETTINGS, name, encode_json({"offset_ms": offset_ms}))
 
     def heartbeat(self) -> None:
         """Send a sign of life, and end an output process that has not confirmed a stop in time."""
@@ -235,11 +230,12 @@ class LiveClient:
                 state.update(event)
         return events
 
-    def _command(self, kind: MessageKind, name: str | None) -> None:
+    def _command(self, kind: MessageKind, name: str | None, body: bytes = b"") -> None:
+        """Send a message about a device, or for None about all; an unknown name is ignored."""
         if name is None:
             self.pipe.send(kind)
         elif name in self.devices:
-            self.pipe.send(kind, self.devices[name].number)
+            self.pipe.send(kind, self.devices[name].number, body)
 
     def _feed(self, name: str, kind: MessageKind, body: bytes) -> None:
         state = self.devices.get(name)

@@ -148,9 +148,11 @@ def joined(rows: list[F64 | None]) -> F64 | None:
     """Stack vertices (V, 3) of T times: (T, V, 3), or (1, V, 3) if all entries are the first array
     itself or None. None entries become the first array; None without any array."""
     first = next((row for row in rows if row is not None), None)
-    if first is None:
-        return None
     # SurfaceVertices returns the identical array while nothing deforms: one copy serves all times.
-    if all(row is None or row is first for row in rows):
-        return first[None]
-    return np.stack([first if row is None else row for row in rows])
+    return stacked([first] if all(row is None or row is first for row in rows) else rows)
+
+
+def stacked(rows: list[F64 | None]) -> F64 | None:
+    """Stack arrays to (T, ...); None entries become copies of the first array. None without any."""
+    first = next((row for row in rows if row is not None), None)
+    return None if first is None else np.stack([first if row is None else row for row in rows])

@@ -20,7 +20,7 @@ from ...engine.volume.shape import Shape
 from ...errors import InputError
 from ..curves.curve_reading import is_rigid
 from ..description import activation, area_values, response_values, soundness
-from ..description.area_values import SurfaceVertices, joined
+from ..description.area_values import SurfaceVertices, joined, stacked
 from ..description.scene_description import HapticObjects
 from .stepping import Stepper
 
@@ -98,8 +98,8 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
         return EffectBlock(
             levels,
             parameters,
-            place=_stacked([row.place for row in rows]),
-            drive=_stacked([row.drive for row in rows]),
+            place=stacked([row.place for row in rows]),
+            drive=stacked([row.drive for row in rows]),
         )
     identity = np.eye(4)
     # A rigid volume has the same shape object in all rows, so a block holds each shape once.
@@ -114,7 +114,7 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
         matrices=np.stack([identity if row.matrix is None else row.matrix for row in rows]),
         shapes=tuple(shapes),
         shape_index=which,
-        response=_stacked([row.response for row in rows]),
+        response=stacked([row.response for row in rows]),
         vertices=joined([row.vertices for row in rows]),
     )
 
@@ -123,14 +123,6 @@ def silence(count: int, modality: str) -> EffectBlock:
     """Block of an effect at ``count`` times with level and parameters 0, without a placement."""
     width = len(MODALITIES[modality].parameters)
     return EffectBlock(np.zeros(count), np.zeros((count, width)))
-
-
-def _stacked(values: Sequence[F64 | None]) -> F64 | None:
-    """Stack arrays to (T, ...); None entries become copies of the first array. None without any."""
-    first = next((value for value in values if value is not None), None)
-    if first is None:
-        return None
-    return np.stack([first if value is None else value for value in values])
 
 
 def pose_block(rows: Sequence[PoseRow | None]) -> PoseBlock:
