@@ -151,7 +151,8 @@ class _Texts(ast.NodeVisitor):
             self.visit(node.value)
 
     def visit_arguments(self, node: ast.arguments) -> None:
-        pass
+        for default in (*node.defaults, *filter(None, node.kw_defaults)):
+            self.visit(default)
 
 
 def _values(node: ast.AST) -> Iterator[ast.expr]:

@@ -76,15 +76,23 @@ class Translation:
             # A value has no end of a sentence: a shorter message may match the first sentence.
             end = ". " if letters > _SHORT else " "
             if match is not None and not any(end in value for value in match.groups()):
-                values = list(map(self._value, match.groups()))
+                values = [
+                    value if self._is_quoted(text, *match.span(k)) else self._value(value)
+                    for k, value in enumerate(match.groups(), 1)
+                ]
                 start = values.pop(0) if pattern.pattern.startswith("(.+?)") else ""
                 return start + message.format(*values)
         lower = text[:1].lower() + text[1:]  # capitalized by the program
         whole = self._whole(lower) if lower != text else None
         return None if whole is None else whole[:1].upper() + whole[1:]
 
+    @staticmethod
+    def _is_quoted(text: str, begin: int, end: int) -> bool:
+        return text[:begin].endswith("'") and text[end:].startswith("'")
+
     def _value(self, text: str) -> str:
-        """Translation of a value: a part of a sentence. Capitalized words are names, and stay."""
+        """Translation of a value: a part of a sentence. Capitalized words are names, and stay,
+        as quoted values do."""
         if text == "s":  # of a plural
             return ""
         if re.fullmatch(r"[A-Z]\S*", text) or not re.search("[a-z]{2}", text):

@@ -118,7 +118,10 @@ class HFX_OT_live_connect(OfDevice):
     bl_translation_context = "HFX"  # Blender's own "Connect" has another meaning
 
     kind: EnumProperty(
-        name="Connect To", description="The device itself, or a substitute", items=KINDS
+        name="Connect To",
+        description="The device itself, or a substitute",
+        items=KINDS,
+        translation_context="HFX",
     )
     port: StringProperty(
         name="Port",
@@ -137,7 +140,9 @@ class HFX_OT_live_connect(OfDevice):
         search=_units,
         search_options={"SUGGESTION"},
     )
-    path: StringProperty(name="Log", description="File to write", subtype="FILE_PATH")
+    path: StringProperty(
+        name="Log", description="File to write", subtype="FILE_PATH", translation_context="HFX"
+    )
     offset_ms: FloatProperty(
         name="Offset (ms)",
         description="Delay of the values, to be in time with sound and picture",

@@ -97,7 +97,7 @@ def legend(scene: bpy.types.Scene) -> list[tuple[str, Colour]]:
     for name, modality in MODALITIES.items():
         full = f"{modality.full_colour:g} {modality.strength_parameter.symbol}"
         if name in present and modality.is_silent_at_0:
-            entries.append((f"{modality.title} {full}", palette[name]))
+            entries.append((f"{translated(modality.title)} {full}", palette[name]))
         elif name in present:
             entries += [(f"Warm +{full}", palette[name]), (f"Cold -{full}", palette[COLD])]
     return entries

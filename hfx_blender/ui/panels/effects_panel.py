@@ -110,7 +110,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         row.scale_y = 1.3
         draw_first_step(context, row)
         if not listed:
-            layout.menu("HFX_MT_add", text="Add", icon="ADD")
+            layout.menu("HFX_MT_add", text="Add", text_ctxt="HFX", icon="ADD")
         elif has_body:
             draw_paint_menu(layout)
 

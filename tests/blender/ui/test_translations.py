@@ -21,6 +21,7 @@ GERMAN = {
     "'{0}' {1}: not felt": "'{0}' {1}: nicht gefühlt",
     "belongs to a body that was deleted": "gehört zu einem gelöschten Körper",
     "{0} has no clip '{1}'.": "'{1}' ist kein Clip von {0}.",
+    "'{0}' is painted nowhere": "'{0}' ist leer",
     "Vibration": "Schwingung",
     "not felt": "nicht gefühlt",
 }
@@ -59,6 +60,7 @@ def test_a_missing_a_superfluous_and_a_faulty_translation_are_found(
         ("'A' belongs to a body that was deleted: not felt", None),
         ("Effect has no clip 'x'.", "'x' ist kein Clip von Effect."),
         ("Vibration added", "Vibration hinzugefügt"),  # a name of the user stays
+        ("'Pad added' is painted nowhere: not felt", "'Pad added' ist leer: nicht gefühlt"),
         ("Pad added. Not felt", "Pad hinzugefügt. Nicht gefühlt"),
         ("of another program", "of another program"),
     ],

@@ -70,5 +70,7 @@ def steps(h: Any) -> Iterator[float]:
             bpy.ops.hfx.add_volume(shape="SPHERE", modality="temperature")
         yield 1.5
         h.shot(f"{language}_6_volume.png")
-        yield from h.key("ctrl+z")
+        for effect in [obj for obj in bpy.data.objects if obj.hfx.role == "EFFECT"]:
+            bpy.data.objects.remove(effect)
+        bpy.context.view_layer.objects.active = bpy.data.objects["Avatar"]
         yield 1.0
