@@ -16,8 +16,7 @@ from ..counters import Counters
 from ..modality import MODALITIES
 from ..samples import Impact, SampleRun, Stream
 from ..scene import EffectBlock, PoseBlock, SceneDescription, TimeBase
-from ..skin.cell_coverage import BoundSkins
-from ..skin.posing import PosableModel
+from ..skin.cell_coverage import BoundSkins, PosableModel
 from ..volume.nearest_surface import boundary_normals, nearest_surface
 from ..volume.shape import Shape
 

@@ -24,7 +24,7 @@ from ..native.cluster_bounds import Outline
 from ..scene import BodyDescription, SkinBinding, SurfaceBinding
 from ..tolerance import Tolerance
 from .bound_clusters import CellGroups, UsedBones
-from .posing import BlendedModel, PosableModel, SurfaceModel, clusters_of
+from .posing import BlendedModel, PointwiseModel, SurfaceModel, clusters_of
 from .skin_table import SkinMesh, SkinTable
 from .skinned_model import SkinnedModel
 
@@ -33,6 +33,9 @@ FINEST_M: Final = (0.00025, 0.001)
 """Smallest distance of samples: an eighth of the vertex spacing, clipped to this range, metres.
 
 Finer samples change coverages by less than 0.01 in any pose."""
+
+PosableModel = PointwiseModel | SkinnedModel
+"""Perceptual model bound to a body."""
 
 _HEXAGON: Final = math.sqrt(2.0 / math.sqrt(3.0))  # spacing of cells of area 1
 

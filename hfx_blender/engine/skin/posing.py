@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Posable models: interface, clusters of neighbouring vertices that share bounds, and models posed
-point by point: on an avatar's surface, or by bones without the compiled library.
+"""Posable models: clusters of neighbouring vertices that share bounds, and models posed point by
+point: on an avatar's surface, or by bones without the compiled library.
 
 Results are in a *target* space (a volume's shape space, or world), given by matrices from armature
 space. All positions are float64, because float32 is too coarse far from the origin.
@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import pairwise
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -25,28 +25,6 @@ from ..scene import PoseBlock, SkinBinding, SurfaceAnchors
 
 LEAF_SIZE: Final = 128
 """Largest number of vertices in a cluster: fewer need more bounds, more pose too many vertices."""
-
-
-class PosableModel(Protocol):
-    """Perceptual model bound to a body; target space is given by ``to_target`` matrices."""
-
-    clusters: list[I32]
-
-    def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        """Lower and upper corners (n, C, 3) of cluster bounding boxes, target space. ``rows`` (n,)
-        are rows of the pose; ``to_target`` (n, 4, 4) has a matrix for each."""
-
-    def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
-        """Positions (3, n, Vc) of a cluster's vertices at rows (n,), target space."""
-
-    def pair_points(
-        self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
-    ) -> F64:
-        """Positions (3, N), in the space of ``to_target``, of the vertices of (cluster, row) pairs,
-        concatenated. ``clusters`` (m,) ascend; ``at`` (m,) are indices into ``rows``."""
-
-    def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
-        """Positions (3, k) of vertices at one row, target space; ``to_target`` is (4, 4)."""
 
 
 def clusters_of(model: PerceptualModel, load: I64 | None = None) -> list[I32]:
@@ -75,9 +53,6 @@ class PointwiseModel(ABC):
     def _local(self, vertices: I32, pose: PoseBlock, rows: I64) -> F64:
         """Positions (n, k, 3) of vertices (k,) at rows (n,), the body's own space."""
 
-    def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        return self.bounds_around(self.places(pose, rows), to_target)
-
     def places(self, pose: PoseBlock, rows: I64) -> F64:
         """Positions (n, P, 3) of all clusters' vertices, concatenated, the body's own space."""
         return self._local(np.concatenate(self.clusters), pose, rows)
@@ -90,6 +65,8 @@ class PointwiseModel(ABC):
         return np.minimum.reduceat(moved, starts, 1), np.maximum.reduceat(moved, starts, 1)
 
     def cluster_points(self, cluster: int, pose: PoseBlock, rows: I64, to_target: F64) -> F64:
+        """Positions (3, n, Vc) of a cluster's vertices at rows (n,) of the pose, target space.
+        ``to_target`` (n, 4, 4) has a matrix for each row."""
         local = self._local(self.clusters[cluster], pose, rows)
         moved: F64 = local @ to_target[:, :3, :3].transpose(0, 2, 1) + to_target[:, None, :3, 3]
         return np.ascontiguousarray(moved.transpose(2, 0, 1))
@@ -97,6 +74,8 @@ class PointwiseModel(ABC):
     def pair_points(
         self, clusters: I64, at: I64, pose: PoseBlock, rows: I64, to_target: F64
     ) -> F64:
+        """Positions (3, N), in the space of ``to_target``, of the vertices of (cluster, row) pairs,
+        concatenated. ``clusters`` (m,) ascend; ``at`` (m,) are indices into ``rows``."""
         points = [
             self.cluster_points(cluster, pose, rows[at[pairs]], to_target[at[pairs]]).reshape(3, -1)
             for cluster, pairs in cluster_slices(clusters)
@@ -104,12 +83,13 @@ class PointwiseModel(ABC):
         return np.concatenate(points, axis=1)
 
     def points(self, vertices: I32, pose: PoseBlock, row: int, to_target: F64) -> F64:
+        """Positions (3, k) of vertices at one row, target space; ``to_target`` is (4, 4)."""
         local = self._local(vertices, pose, np.array([row]))[0]
         return np.asarray(to_target[:3, :3] @ local.T + to_target[:3, 3:])
 
     def box(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
         """Lower and upper corners (n, 3) of a box that contains the whole model, target space."""
-        low, high = self.cluster_bounds(pose, rows, to_target)
+        low, high = self.bounds_around(self.places(pose, rows), to_target)
         return low.min(axis=1), high.max(axis=1)
 
 

@@ -88,7 +88,7 @@ _KNOWN: Final[WeakKeyDictionary[Any, WeakValueDictionary[tuple[str, ...], BoundW
 
 
 class SkinnedModel:
-    """Perceptual model posed by linear blend skinning.
+    """Perceptual model posed by linear blend skinning, by the methods of :class:`.PointwiseModel`.
 
     A posed vertex is a convex combination of bone transforms of its rest position. So a cluster is
     bounded, without posing, by the hull over its bones of the bone's matrix times the rest-pose box
@@ -142,10 +142,6 @@ class SkinnedModel:
         matrices: F64 = to_target[:, None, :3, :3] @ posed
         matrices[..., 3] += to_target[:, None, :3, 3]
         return matrices
-
-    def cluster_bounds(self, pose: PoseBlock, rows: I64, to_target: F64) -> tuple[F64, F64]:
-        assert pose.bones is not None
-        return self.outline.bounds(pose.bones, rows, to_target, None)[:2]
 
     @cached_property
     def outline(self) -> Outline:

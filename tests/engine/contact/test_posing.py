@@ -79,7 +79,7 @@ def test_boxes_hold_their_clusters(seed: int) -> None:
         posed.bones[:, 1] *= -30.0
     bound = SkinnedModel(body, SkinBinding(BONES))
     rows = np.arange(TIMES)
-    low, high = bound.cluster_bounds(posed, rows, posed.to_world[rows])
+    low, high, *_ = bound.outline.bounds(posed.bones, rows, posed.to_world[rows], None)
     assert low.shape == high.shape == (TIMES, len(bound.clusters), 3)
     for k in range(len(bound.clusters)):
         points = bound.cluster_points(k, posed, rows, posed.to_world[rows])
@@ -93,7 +93,7 @@ def test_boxes_of_a_rigid_body_are_tight() -> None:
     still = np.broadcast_to(np.eye(4)[:3], (1, len(BONES), 3, 4))
     bound = SkinnedModel(body, SkinBinding(BONES))
     posed = PoseBlock(np.ones(1, bool), np.eye(4)[None], still)
-    low, high = bound.cluster_bounds(posed, np.array([0]), np.eye(4)[None])
+    low, high, *_ = bound.outline.bounds(posed.bones, np.array([0]), np.eye(4)[None], None)
     for k, ids in enumerate(bound.clusters):
         assert np.allclose(low[0, k], body.vertices[ids].min(axis=0), atol=1e-12)
         assert np.allclose(high[0, k], body.vertices[ids].max(axis=0), atol=1e-12)
@@ -137,7 +137,7 @@ def test_surface_points_are_those_of_the_formula() -> None:
             local = anchors.weights[v] @ np.stack([a, b, c])
             local += anchors.offset_m[v] * normal / np.linalg.norm(normal)
             expected[i, v] = posed.to_world[row, :3, :3] @ local + posed.to_world[row, :3, 3]
-    low, high = bound.cluster_bounds(posed, rows, posed.to_world[rows])
+    low, high = bound.bounds_around(bound.places(posed, rows), posed.to_world[rows])
     for k, ids in enumerate(bound.clusters):
         points = bound.cluster_points(k, posed, rows, posed.to_world[rows])
         assert np.abs(points.transpose(1, 2, 0) - expected[:, ids]).max() < 1e-12

@@ -95,9 +95,9 @@ static inline void put(hfx_corners box, double *low, double *high) {
   high[0] = box.high[0], high[1] = box.high[1], high[2] = box.z[1];
 }
 
-// See SkinnedModel.cluster_bounds: boxes around clusters, (rows, clusters, 3) each, around all of
-// them at each row, (rows, 2, 3), and around each at all rows, (clusters, 2, 3). Skin lies beyond
-// what bones move by `margins`, NULL: not at all. `room` holds 24 numbers for each bone.
+// See Outline.bounds of cluster_bounds.py: boxes around clusters, (rows, clusters, 3) each, around
+// all of them at each row, (rows, 2, 3), and around each at all rows, (clusters, 2, 3). Skin lies
+// beyond what bones move by `margins`, NULL: not at all. `room` holds 24 numbers for each bone.
 HFX_EXPORT void hfx_bounds(const hfx_outline *outline, int64_t rows, int64_t posed_bones, const double *posed,
                            const int64_t *row, const double *to_target, const double *margins,
                            double *room, double *low, double *high, double *of_rows,
