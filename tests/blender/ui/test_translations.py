@@ -60,7 +60,7 @@ def test_a_missing_a_superfluous_and_a_faulty_translation_are_found(
         ("'A' belongs to a body that was deleted: not felt", None),
         ("Effect has no clip 'x'.", "'x' ist kein Clip von Effect."),
         ("Vibration added", "Vibration hinzugefügt"),  # a name of the user stays
-        ("'Pad added' is painted nowhere: not felt", "'Pad added' ist leer: nicht gefühlt"),
+        ("'Pad added' is painted nowhere", "'Pad added' ist leer"),
         ("Pad added. Not felt", "Pad hinzugefügt. Nicht gefühlt"),
         ("of another program", "of another program"),
     ],
