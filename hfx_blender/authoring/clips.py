@@ -129,6 +129,13 @@ def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
     return values
 
 
+def timed_shares(keys: Iterable[Key], first: float, fps: float) -> tuple[Key, ...]:
+    """Keys (frame, value) as (seconds from frame ``first``, value), at least 0 s and 0 to 1."""
+    return tuple(
+        (max((frame - first) / fps, 0.0), min(max(value, 0.0), 1.0)) for frame, value in keys
+    )
+
+
 def curve_in(strip: bpy.types.NlaStrip, data_path: str) -> bpy.types.FCurve | None:
     """F-curve of a property in a clip; None if missing."""
     return next((c for c in compat.strip_fcurves(strip) if c.data_path == data_path), None)

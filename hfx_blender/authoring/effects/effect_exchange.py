@@ -347,10 +347,7 @@ def _clip_recipe(
         fade_in_s=strip.blend_in / fps,
         fade_out_s=strip.blend_out / fps,
         repeat=strip.repeat,
-        profile=tuple(
-            (max((frame - strip.action_frame_start) / fps, 0.0), min(max(value, 0.0), 1.0))
-            for frame, value in keys
-        ),
+        profile=clips.timed_shares(keys, strip.action_frame_start, fps),
         # Bezier handles are not stored: a drawn fade becomes its values at whole frames.
         drawn_fades=tuple(
             ((frame - strip.frame_start) / fps, value)

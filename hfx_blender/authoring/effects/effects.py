@@ -167,8 +167,6 @@ def add_volume(
     title = name or f"{modality.title()} {volumes.SHAPE_LABELS[shape]}"
     obj = bpy.data.objects.new(title, bpy.data.meshes.new(title))
     effect = _make_effect(scene, obj, modality, shape)
-    effect.display_type = "WIRE"
-    effect.hide_render = True
     volumes.refresh_display(effect)
     return effect
 
@@ -191,10 +189,7 @@ def volume_from_mesh(
     copy.parent = source
     copy.matrix_parent_inverse.identity()
     copy.matrix_basis.identity()
-    effect = _make_effect(scene, copy, modality, "MESH")
-    effect.display_type = "WIRE"
-    effect.hide_render = True
-    return effect
+    return _make_effect(scene, copy, modality, "MESH")
 
 
 def add_painted(
@@ -244,12 +239,13 @@ def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
 def _make_effect(
     scene: bpy.types.Scene, effect: bpy.types.Object, modality: str, shape: str | None
 ) -> bpy.types.Object:
-    """Turn a new object into an effect with a new id, and link it: a volume of ``shape``, or a
-    painted effect for None."""
+    """Turn a new object into an effect with a new id, and link it: a volume of ``shape``, shown as
+    wires, or a painted effect for None."""
     # Kind and shape first: assigning the modality redraws the wires of that shape.
     effect.hfx.kind = "PAINTED" if shape is None else "VOLUME"
     if shape is not None:
         effect.hfx.shape = shape
+        effect.display_type, effect.hide_render = "WIRE", True
     effect.hfx.role = "EFFECT"
     effect.hfx.uid = uuid.uuid4().hex
     effect.hfx.modality = modality

@@ -287,15 +287,12 @@ def motion_keys(
         keys = clips.linear_keys(curve)
     # Times count from the given frame, else from the first keyframe; earlier keyframes are at 0.
     start = keys[0][0] if first is None and keys else first or 0.0
-    fps = animation_fps(scene)
     stretch = 1.0
     if OWN in effect and len(path_of(effect)):
         # Shares of a temporarily extended path are converted to shares of the path itself.
         stretch = float(lengths_along(path_of(effect))[-1]) / max(length_m(effect), 1e-12)
-    return tuple(
-        (max((frame - start) / fps, 0.0), min(max(share * stretch, 0.0), 1.0))
-        for frame, share in keys
-    )
+    shares = ((frame, share * stretch) for frame, share in keys)
+    return clips.timed_shares(shares, start, animation_fps(scene))
 
 
 def apply(

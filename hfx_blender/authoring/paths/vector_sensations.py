@@ -97,10 +97,7 @@ def curves_of(
         if curve is None or not len(curve.keyframe_points):
             curves.append((item.name, ((0.0, float(item.value)),)))
             continue
-        keys = tuple(
-            (max((frame - first) / fps, 0.0), min(max(value, 0.0), 1.0))
-            for frame, value in clips.linear_keys(curve)
-        )
+        keys = clips.timed_shares(clips.linear_keys(curve), first, fps)
         curves.append((item.name, keys))
     return tuple(curves)
 

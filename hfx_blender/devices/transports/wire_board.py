@@ -39,7 +39,6 @@ _CONFIGURE: Final = struct.Struct("<IBHI")  # session, channels, dead-man ms, ma
 _REST: Final = struct.Struct("<I")  # rest ms; optional, by default the board's own
 _VALUES: Final = struct.Struct("<IH")  # CRC of the configuration, time to live ms
 _READY: Final = struct.Struct("<IB")  # CRC of the configuration, channels
-_STOPPED: Final = struct.Struct("<B")
 
 START_S: Final = 5.0
 """Time limit for the first answer, seconds: opening the port restarts an Arduino Uno, and the boot
@@ -63,7 +62,7 @@ class FrameKind(IntEnum):
 
 
 class Reason(IntEnum):
-    """Reason of a board's silence, in STOPPED."""
+    """Reason of a board's silence, the only byte of STOPPED."""
 
     ASKED = 0
     NO_VALUES = 1
@@ -136,16 +135,6 @@ def encode_values(
 ) -> bytes:
     """Payload of VALUES: levels 0..65535 of all channels, valid for ``live_ms`` after arrival."""
     return _VALUES.pack(configuration_crc, live_ms) + struct.pack(f"<{len(levels)}H", *levels)
-
-
-def decode_ready(payload: bytes) -> tuple[int, int] | None:
-    """Decode READY: CRC of the configuration and number of channels; None for a wrong length."""
-    return _READY.unpack(payload) if len(payload) == _READY.size else None
-
-
-def decode_stopped(payload: bytes) -> int | None:
-    """Decode STOPPED: a :class:`Reason` as a number; None for a wrong length."""
-    return payload[0] if len(payload) == _STOPPED.size else None
 
 
 class Receiver:
@@ -278,7 +267,8 @@ class WireBoard:
         self._noise = "" if frames else (self._noise + text)[:_MOST_NOISE]
         for frame in frames:
             if frame.kind == FrameKind.READY:
-                crc, channels = decode_ready(frame.payload) or (None, 0)
+                is_whole = len(frame.payload) == _READY.size
+                crc, channels = _READY.unpack(frame.payload) if is_whole else (None, 0)
                 # The CRC of the configuration identifies the session: answers to earlier sessions
                 # are ignored.
                 if crc != self._crc:
@@ -290,7 +280,7 @@ class WireBoard:
                     )
                 self._is_ready = True
             elif frame.kind == FrameKind.STOPPED and self._is_ready:
-                if decode_stopped(frame.payload) == Reason.NO_VALUES:
+                if frame.payload == bytes([Reason.NO_VALUES]):
                     reported = f"it received no values for {DEAD_MAN_MS} ms"
                 else:
                     reported = "it was restarted or stopped by another program"
