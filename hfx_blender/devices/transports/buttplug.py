@@ -10,7 +10,7 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from ...engine.arrays import F64
@@ -51,7 +51,8 @@ class ServedDevice:
     @property
     def names(self) -> str:
         """Name, and display name in parentheses if it differs."""
-        return _names(self.name, self.display_name)
+        is_same = self.display_name in ("", self.name)
+        return self.name if is_same else f"{self.name} ({self.display_name})"
 
     def fits(self, how: ButtplugEncoder) -> bool:
         """Test for the names and outputs of a configuration."""
@@ -70,32 +71,23 @@ class ServedDevice:
         return ranges
 
 
-def _names(name: str, display_name: str) -> str:
-    return f"{name} ({display_name})" if display_name not in ("", name) else name
-
-
 def served_devices(devices: Mapping[str, Any]) -> list[ServedDevice]:
     """Devices of a server's list, sorted by index; invalid entries are left out.
 
     Names are cut at 80 characters; labels of equal names end in the index.
     """
-    entries = []
+    served = []
     for facts in devices.values():
         with suppress(KeyError, TypeError, ValueError, OverflowError):
             index = int(facts["DeviceIndex"])
-            name, display = (
-                str(facts.get(key) or "")[:80] for key in ("DeviceName", "DeviceDisplayName")
-            )
-            entries.append((index, name, display, facts))
-    entries.sort(key=lambda entry: entry[0])
+            keys = ("DeviceName", "DeviceDisplayName")
+            name, display_name = (str(facts.get(key) or "")[:80] for key in keys)
+            served.append(ServedDevice(index, name, display_name, "", facts))
+    served.sort(key=lambda device: device.index)
     # The index distinguishes devices of equal names; otherwise a label has none, as it may change.
-    count = Counter(_names(name, display) for _, name, display, _ in entries)
-    served = []
-    for index, name, display, facts in entries:
-        names = _names(name, display)
-        label = f"{names} #{index}" if count[names] > 1 else names
-        served.append(ServedDevice(index, name, display, label, facts))
-    return served
+    count = Counter(device.names for device in served)
+    labels = (f"{x.names} #{x.index}" if count[x.names] > 1 else x.names for x in served)
+    return [replace(device, label=label) for device, label in zip(served, labels, strict=True)]
 
 
 def chosen(unit: str, devices: Sequence[ServedDevice]) -> ServedDevice | None:
