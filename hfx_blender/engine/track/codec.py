@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from ...files import limits
 from ..arrays import F32, F64, I32, I64, Bool
-from ..native import track as native
+from ..native.library import library
 
 Unsigned = npt.NDArray[np.unsignedinteger[Any]]
 
@@ -140,10 +140,9 @@ def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[U
     """Counts and gaps of vertex ids that enter or leave each of m sets, as of :func:`_toggles`, and
     columns (s,) of weights and channels, one value per (set, vertex) entry, as differences of bit
     patterns from the same vertex's last entry."""
-    if section.weights.dtype == np.uint8 and not section.channels:  # the common case, compiled
-        changes = native.changes(section.sizes, section.vertices, section.weights)
-        if changes is not None:
-            return (*changes, [])
+    compiled = _compiled_columns(section)
+    if compiled is not None:
+        return compiled
     # Sorted by vertex, the entry before is the same vertex in an earlier set, or another vertex.
     owners = np.repeat(np.arange(len(section.sizes)), section.sizes)
     order = np.argsort(section.vertices, kind="stable")
@@ -155,6 +154,38 @@ def _set_columns(section: Section) -> tuple[Unsigned, Unsigned, Unsigned, list[U
         for column in (section.weights, *(column for channel in columns for column in channel.T))
     )
     return counts, gaps, weights, channels
+
+
+def _compiled_columns(
+    section: Section,
+) -> tuple[Unsigned, Unsigned, Unsigned, list[Unsigned]] | None:
+    """Columns of :func:`_set_columns` by ``track.c``, the common case; None without the library,
+    with channels, with weights other than bytes, or for a negative vertex id."""
+    sizes, vertices, weights, native = section.sizes, section.vertices, section.weights, library()
+    if native is None or section.channels or weights.dtype != np.uint8:
+        return None
+    if len(vertices) and int(vertices.min()) < 0:
+        return None
+    last = np.zeros(int(vertices.max(initial=0)) + 1, np.uint8)  # weight of each vertex; 0 at first
+    counts, gaps = np.zeros(len(sizes), np.uint32), np.zeros(2 * len(vertices), np.uint32)
+    differences = np.zeros(len(vertices), np.uint8)
+    arrays = sizes, vertices, weights, last, counts, gaps, differences
+    total = native.hfx_track_changes(len(sizes), *arrays)
+    return counts, gaps[:total], differences, []
+
+
+def repeated_sets(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | None:
+    """Mask (m,) of sets equal to the set before, False for the first; None without the library.
+
+    Set j has the entries ``slice(offsets[j], offsets[j + 1])`` of ``vertices`` and ``weights``
+    (total,); weights of any type are compared bit by bit.
+    """
+    native = library()
+    if native is None:
+        return None
+    same = np.zeros(len(offsets) - 1, np.bool_)
+    native.hfx_track_repeats(len(same), offsets, vertices, weights, weights.dtype.itemsize, same)
+    return same
 
 
 class Cursor:

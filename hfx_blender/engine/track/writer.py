@@ -20,7 +20,6 @@ import numpy.typing as npt
 from ...errors import InputError, OutputError
 from ...files.atomic import atomic_file
 from ..modality import MODALITIES
-from ..native import track as native
 from ..samples import SampleRun
 from . import layout
 from .codec import (
@@ -33,6 +32,7 @@ from .codec import (
     decode_weights,
     encode,
     encode_weights,
+    repeated_sets,
 )
 from .header import TrackEffect, TrackHeader
 from .layout import to_json
@@ -310,7 +310,7 @@ class _SectionBuilder:
     ) -> npt.NDArray[np.bool_]:
         """Mask (m,) of sets with vertices and weights equal to the set before; the first is
         compared with the last collected set."""
-        is_repeated = native.repeats(offsets, vertices, weights)
+        is_repeated = repeated_sets(offsets, vertices, weights)
         if is_repeated is None:
             parts = [slice(a, b) for a, b in pairwise(offsets.tolist())]
             pairs = zip([parts[0], *parts], parts, strict=False)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 from hfx_blender.engine.native.library import library
 from hfx_blender.engine.rendering import coverage
 from hfx_blender.engine.rendering.coverage import ActuatorCells
-from hfx_blender.engine.track import codec, writer
+from hfx_blender.engine.track import codec
 from hfx_blender.engine.track.codec import Section
 
 pytestmark = pytest.mark.skipif(library() is None, reason="no library was built")
@@ -56,26 +55,19 @@ def _section(offsets: np.ndarray, vertices: np.ndarray, weights: np.ndarray) -> 
     )
 
 
-class _NoLibrary:
-    """Stand-in for the missing library."""
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *_arguments: None
-
-
 @given(_IDS, st.integers(0, 2**32 - 1))
 def test_changes_of_sets_are_the_same_bytes(drawn: list[set[int]], seed: int) -> None:
     section = _section(*_sets(drawn, seed))
     compiled = codec.encode(section)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(codec, "native", _NoLibrary())
+        patch.setattr(codec, "library", lambda: None)
         assert codec.encode(section) == compiled
 
 
 def test_a_set_of_no_model_is_left_to_numpy() -> None:
     """The lookup would be out of bounds."""
     offsets, vertices = np.array([0, 2]), np.array([-5, 3], np.int32)
-    assert codec.native.changes(np.diff(offsets), vertices, np.ones(2, np.uint8)) is None
+    assert codec._compiled_columns(_section(offsets, vertices, np.ones(2, np.uint8))) is None
 
 
 @given(_IDS, st.integers(0, 2**32 - 1), st.sampled_from([np.uint8, np.float32]))
@@ -89,7 +81,7 @@ def test_sets_that_stay_are_found(drawn: list[set[int]], seed: int, kind: type) 
         and np.array_equal(weights[parts[k - 1]], weights[part])
         for k, part in enumerate(parts)
     ]
-    assert writer.native.repeats(offsets, vertices, weights).tolist() == expected
+    assert codec.repeated_sets(offsets, vertices, weights).tolist() == expected
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans())
