@@ -408,7 +408,8 @@ def draw_wrapped(
     wide = sum(east_asian_width(letter) in "WF" for letter in text)
     letters = letters * len(text) // max(len(text) + wide, 1)
     for number, line in enumerate(textwrap.wrap(text, letters, max_lines=most)):
-        layout.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
+        line_icon = "BLANK1" if number and icon != "NONE" else icon
+        layout.label(text=line, icon=line_icon, translate=False)
 
 
 def to_object_mode(context: bpy.types.Context) -> None:

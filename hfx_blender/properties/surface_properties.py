@@ -264,7 +264,9 @@ class HfxGenerationProperties(bpy.types.PropertyGroup):
         description="The material: kind, colour, coarser, deeper, worn, woven as, diagonal",
         default="coarse grey gravel, wet",
     )
-    negative: StringProperty(name="Not", description="Properties to avoid")
+    negative: StringProperty(
+        name="Not", description="Properties to avoid", translation_context="HFX"
+    )
     seed: IntProperty(name="Seed", description="Random seed of the first variation", min=0)
     variations: IntProperty(
         name="Variations",

@@ -101,7 +101,7 @@ class HFX_UL_bones(bpy.types.UIList):
         armature = hfx.id_data
         split = layout.split(factor=0.55)  # a search field would leave no width for names
         split.label(text=label_of(row.name), icon=icon_of(row, armature))
-        split.label(text=row.bone)
+        split.label(text=row.bone, translate=False)
 
     def filter_items(
         self, _context: bpy.types.Context, hfx: bpy.types.PropertyGroup, name: str
@@ -167,9 +167,9 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
             text = f"Take {len(elsewhere)} {'Effect' if is_single else 'Effects'} of Other Bodies"
             take = layout.operator("hfx.move_to_body", text=translated(text), icon="FORWARD")
             take.which, take.body = "ALL", body.name
-        layout.label(text=body.name, icon="ARMATURE_DATA")
+        layout.label(text=body.name, icon="ARMATURE_DATA", translate=False)
         for mesh in avatar_meshes.meshes_of(body):
-            layout.label(text=mesh.name, icon="MESH_DATA")
+            layout.label(text=mesh.name, icon="MESH_DATA", translate=False)
         column = layout.column()
         column.use_property_split = True
         column.prop(body.hfx, "follow")

@@ -226,7 +226,7 @@ class HFX_UL_effects(bpy.types.UIList):
     ) -> None:
         row_effects = _effects_of_row(row)
         if not row_effects:  # deleted or renamed since the last check
-            layout.label(text=row.name)
+            layout.label(text=row.name, translate=False)
             return
         line = layout.row(align=True)
         title = line.row(align=True)

@@ -34,7 +34,7 @@ class Layout:
 
     column = split = row
 
-    def label(self, *, text: str, icon: str = "NONE") -> None:
+    def label(self, *, text: str, icon: str = "NONE", translate: bool = True) -> None:
         assert icon in self.ICONS, icon
         self.shown.append(text)
 

@@ -133,7 +133,7 @@ class Layout:
         self.shown: list[str] = []
         self.operators: list[tuple[str, Properties]] = []
 
-    def label(self, *, text: str, icon: str = "NONE") -> None:
+    def label(self, *, text: str, icon: str = "NONE", translate: bool = True) -> None:
         self._show(text, icon)
 
     def prop(self, owner: Any, name: str, **options: str) -> None:
