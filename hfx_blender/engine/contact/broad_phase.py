@@ -197,19 +197,6 @@ class Pairs:
         return self.filled or structure("hfx_pairs")(len(self.clusters), *arrays)
 
 
-class SurfacePlaces:
-    """Positions of skin that no bones move, in body space; ``hfx_surface_places``.
-
-    ``places`` (m, P, 3) are the skin's at m rows, ``own`` (m, cells, 3) the cells' vertices, None
-    where they are places of the skin. ``at`` (n,) is the index among the m rows of each row of the
-    volume, ``starts`` (clusters + 1,) the first place of each cluster.
-    """
-
-    def __init__(self, places: F64, own: F64 | None, at: I64, starts: I64) -> None:
-        counts = places.shape[1], 0 if own is None else own.shape[1]
-        self.pointers = structure("hfx_surface_places")(places, own, at, starts, *counts)
-
-
 @dataclass(frozen=True, eq=False)
 class Reached:
     """Result of the broad phase: cluster-row pairs for the narrow phase."""
@@ -220,7 +207,7 @@ class Reached:
     by_vertex: I64  # clusters for which vertices suffice
     most_steps: int  # of any pair
     bones: PosedBones | None  # to shape space; only bones of these clusters
-    surface: SurfacePlaces | None  # without bones
+    surface: Any  # ``hfx_surface_places``; None for a body with bones
 
 
 class CompiledBroadPhase:
@@ -287,14 +274,21 @@ class CompiledBroadPhase:
         is_used = np.empty(len(used.ids), np.uint8)
         return self._reached(bones, None, (where, bones.pointers, is_used, None), groups)
 
-    def reach_surface(self, surface: SurfacePlaces) -> Reached:
-        """Finish the broad phase of a body that no bones move, with its world positions."""
-        return self._reached(None, surface, (None, None, None, surface.pointers), None)
+    def reach_surface(self, places: F64, own: F64 | None, starts: I64) -> Reached:
+        """Finish the broad phase of a body that no bones move, with its positions in body space.
+
+        ``places`` (m, P, 3) are the skin's at the m rows, ``own`` (m, cells, 3) the cells'
+        vertices, None where they are places of the skin. ``starts`` (clusters + 1,) is the first
+        place of each cluster.
+        """
+        counts = places.shape[1], 0 if own is None else own.shape[1]
+        surface = structure("hfx_surface_places")(places, own, self.at, starts, *counts)
+        return self._reached(None, surface, (None, None, None, surface), None)
 
     def _reached(
         self,
         bones: PosedBones | None,
-        surface: SurfacePlaces | None,
+        surface: Any,
         body: tuple[Any, ...],
         groups: Any,
     ) -> Reached:

@@ -22,7 +22,7 @@ from ..native.library import loaded
 from ..skin.skin_table import SkinTable
 from ..skin.skinned_model import SkinnedModel
 from . import narrow_phase as native
-from .broad_phase import CompiledBroadPhase, Reached, SurfacePlaces
+from .broad_phase import CompiledBroadPhase, Reached
 from .compiled_target import PlacedTarget
 from .contact_query import ContactQuery, Contacts, DetailArrays
 from .narrow_phase import drift_of
@@ -72,8 +72,7 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
         reached = broad.reach(pose.bones, skin.used_bones, skin.own_outline, groups)
     else:
         assert bounds.places is not None
-        places = bounds.places, bounds.own, broad.at, table.starts
-        reached = broad.reach_surface(SurfacePlaces(*places))
+        reached = broad.reach_surface(bounds.places, bounds.own, table.starts)
     if not len(reached.clusters):
         return _nothing
     pairs, posing = reached.pairs, _posing(query, reached)

@@ -22,7 +22,7 @@ from ..native.library import loaded, structure
 from ..skin.bound_clusters import Clusters, PosedBones
 from ..skin.skin_table import SkinTable
 from ..volume.shape import inverse_placement
-from .broad_phase import Pairs, SurfacePlaces
+from .broad_phase import Pairs
 from .compiled_target import PlacedTarget
 from .contact_query import DetailArrays
 
@@ -40,7 +40,7 @@ class Posing:
     clusters: Clusters | None = None
     own: Clusters | None = None  # of the cells' vertices; None: units of the surface
     bones: PosedBones | None = None  # rest to shape space, at the rows of the target
-    surface: SurfacePlaces | None = None
+    surface: Any = None  # ``hfx_surface_places``
 
 
 def narrow_phase(
@@ -157,7 +157,7 @@ class NarrowPhaseCall:
         )
         source = structure("hfx_posing")(
             *(skin, posing.clusters and posing.clusters.table, posing.own and posing.own.table),
-            *(posing.bones and posing.bones.pointers, posing.surface and posing.surface.pointers),
+            *(posing.bones and posing.bones.pointers, posing.surface),
         )
         self._arguments = pairs.pointers, source, target.pointers, drift, self._results
         self._posing = posing  # its tables of clusters hold addresses only
