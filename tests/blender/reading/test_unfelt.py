@@ -748,7 +748,7 @@ class _Layout:
     def __init__(self) -> None:
         self.drawn: list[str] = []
 
-    def label(self, text: str, icon: str) -> None:
+    def label(self, text: str, icon: str, translate: bool = True) -> None:
         self.drawn.append(f"{icon} {text}")
 
     def operator(self, name: str, **_options: str) -> Any:

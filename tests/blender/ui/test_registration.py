@@ -153,7 +153,7 @@ class Layout:
     def template_icon(self, icon_value: int, *, scale: float) -> None:
         self.shown.append("template_icon")
 
-    def menu(self, idname: str, *, text: str = "", icon: str = "NONE") -> None:
+    def menu(self, idname: str, *, icon: str = "NONE", **_options: str) -> None:
         assert hasattr(bpy.types, idname)
         self._show(idname, icon)
 
