@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import hands
 
-VECTOR_ROW = 8  # of Add > Haptic
+VECTOR_ROW = hands.POINT_ROW + 1  # of Add > Haptic
 BELOW = -3  # the panels of values, sound and video are below
 
 
