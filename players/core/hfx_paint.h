@@ -12,7 +12,7 @@ extern "C" {
 #define HFX_NEAREST 0.06 /* of the body's size: a vertex that is farther away gives no weight */
 #define HFX_NO_PAINT -1.0f /* weight of a vertex that the other clip's model does not have */
 
-/* Whether a body's effects are those of its own clip. */
+/* Test that the effects of a body are those of its own clip. */
 static inline int hfx_is_own(const hfx_clip *clip, const hfx_clip *effects) {
   return effects->parts[HFX_TEXT].at == clip->parts[HFX_TEXT].at;
 }

@@ -91,7 +91,7 @@ static inline double hfx_height(const hfx_level *level) {
   return 0.5 * (level->low_m + level->high_m);
 }
 
-/* Whether a level goes round the body: the body's axis is in its box, or it is on both sides. */
+/* Test that a level goes round the body: the body's axis is in its box, or it is on both sides. */
 static inline int hfx_is_round(const hfx_level *level) {
   return level->sides == 6 || (level->left[0] <= 0.0 && level->right[0] >= 0.0 &&
                                level->left[1] <= HFX_AXIS_Y_M && level->right[1] >= HFX_AXIS_Y_M);

@@ -24,7 +24,7 @@ extern "C" {
 #define HFX_ALIGNED(address) (address)
 #endif
 
-/* Nothing else is at what such a pointer points to. */
+/* Promise to compilers that no other pointer reaches the data of this pointer. */
 #ifdef __cplusplus
 #define HFX_RESTRICT __restrict
 #else

@@ -46,7 +46,7 @@ HFX_EXPORT int32_t hfx_live_evaluate(hfx_live_body *self, double seconds, float 
 /* Weights of the last evaluation; how many there are. `out` gets them where `count` is as many. */
 HFX_EXPORT uint32_t hfx_live_weights(const hfx_live_body *self, uint32_t effect, float *out,
                                      uint32_t count);
-/* Whether a bone of the body moves skin; 0: no, or there is no such bone. */
+/* Test that a bone of the body moves skin; 0 for a bone that is not there, too. */
 HFX_EXPORT int32_t hfx_live_moves_skin(const hfx_live_body *self, uint32_t bone);
 HFX_EXPORT double hfx_live_level(const hfx_live_body *self, uint32_t effect);
 
