@@ -704,10 +704,11 @@ def test_a_place_in_quad_view_is_of_the_view_that_shows_it(x: int, y: int, view:
 def test_a_choice_of_a_menu_is_the_only_question(operator: Any) -> None:
     """A background process never calls ``invoke``: called here with a stand-in."""
     menus: list[str] = []
+    stand_in_class = type("StandIn", (SimpleNamespace,), {"bl_label": "Add"})
     manager = SimpleNamespace(popup_menu=lambda draw, title: menus.append(title))
     for is_chosen, result in ((True, {"FINISHED"}), (False, {"CANCELLED"})):
         properties = SimpleNamespace(is_property_set=lambda _name, is_chosen=is_chosen: is_chosen)
-        stand_in = SimpleNamespace(
+        stand_in = stand_in_class(
             properties=properties, bl_property="name", execute=lambda _context: {"FINISHED"}
         )
         context = SimpleNamespace(window_manager=manager)
