@@ -211,6 +211,13 @@ class HfxEffectRow(bpy.types.PropertyGroup):
     )
 
 
+def _shows_body(context: bpy.types.Context, row: HfxEffectRow) -> bool:
+    """Test for the row of an effect on a body, in a scene with several bodies."""
+    if not row.effect or len(effects.bodies_of(context.scene)) < 2:
+        return False
+    return any(effect.hfx.kind in effects.ON_A_BODY for effect in _effects_of_row(row))
+
+
 class HFX_UL_effects(bpy.types.UIList):
     """Effects and groups of effects"""
 
@@ -229,7 +236,8 @@ class HFX_UL_effects(bpy.types.UIList):
             layout.label(text=row.name, translate=False)
             return
         line = layout.row(align=True)
-        title = line.row(align=True)
+        names = line.split(factor=0.7, align=True) if _shows_body(context, row) else line
+        title = names.row(align=True)
         strips = clips.strips_of(row_effects[0]) if row.effect else []
         title.alert = any(
             effects.needs_body(context.scene, effect) for effect in row_effects
@@ -240,9 +248,9 @@ class HFX_UL_effects(bpy.types.UIList):
                 title.label(text="", icon="BLANK1")
             icon = "ERROR" if title.alert else MODALITIES[hfx.modality].icon
             title.prop(effect, "name", text="", icon=icon, emboss=False)
-            if hfx.kind in effects.ON_A_BODY and len(effects.bodies_of(context.scene)) > 1:
+            if names is not line:
                 body = effects.body_in(context.scene, effect)
-                line.label(text="" if body is None else body.name)
+                names.label(text="" if body is None else body.name, translate=False)
             title.active = not effects.is_locked(effect)
             if not title.active:
                 line.label(text="", icon="LINKED")
