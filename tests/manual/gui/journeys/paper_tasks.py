@@ -133,6 +133,8 @@ def heartbeat(h: Any) -> Iterator[float]:
     h.check(hands.painted_parts(hands.effect("vibration")) == {"torso"}, "on the torso")
     yield from task.do(h.press_button("HFX_OT_add_heartbeat"))
     yield from task.do(hands.adjust(h, {1: "48"}), 2)
+    yield from h.move(*h.xy(h.region(), 0.5, 0.9))  # a field under the mouse has another colour
+    yield 0.5
     fields = yield from h.fields(h.region("HUD"))
     yield from task.do(hands.enter_several(h, fields[2], fields[3], "12"))
     yield from task.do(h.enter(fields[4], "120"))
