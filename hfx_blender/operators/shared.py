@@ -406,7 +406,8 @@ def draw_wrapped(
     text = translated(text)
     # Letters of Chinese, Japanese and Korean are as wide as two.
     wide = sum(east_asian_width(letter) in "WF" for letter in text)
-    letters = letters * len(text) // max(len(text) + wide, 1)
+    if wide:
+        letters = letters * len(text) // (len(text) + wide)
     for number, line in enumerate(textwrap.wrap(text, letters, max_lines=most)):
         line_icon = "BLANK1" if number and icon != "NONE" else icon
         layout.label(text=line, icon=line_icon, translate=False)

@@ -12,6 +12,7 @@ import pytest
 
 from hfx_blender.blender import translation
 from hfx_blender.blender.translation import Translation
+from hfx_blender.operators.shared import draw_wrapped
 from release import messages
 
 GERMAN = {
@@ -86,6 +87,15 @@ def test_blender_translates_labels(scene: Any, monkeypatch: pytest.MonkeyPatch) 
     for context in ("*", "Operator"):
         assert registered["de"][context, "Add Device"] == "Gerät hinzufügen"
         assert registered["ja"][context, "Add Device"] == "デバイスを追加"
+
+
+def test_lines_hold_half_as_many_japanese_letters_and_empty_texts_none() -> None:
+    lines: list[str] = []
+    layout = SimpleNamespace(label=lambda text, **_options: lines.append(text))
+    draw_wrapped(layout, "あ" * 30, 20)
+    assert [len(line) for line in lines] == [10, 10, 10]
+    draw_wrapped(layout, "", 20)
+    assert len(lines) == 3
 
 
 def _formatted(node: ast.expr) -> bool:

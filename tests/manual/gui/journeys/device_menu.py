@@ -57,8 +57,9 @@ def dialog(h: Any, name: str, kind: int, shot: str, is_field_open: bool = False)
     yield 0.8
     shown = yield from h.radios()
     kinds = [place for place in shown if place not in before]
-    left = min(x for x, _ in kinds)
-    height = next(y for x, y in kinds if x == left)
+    heights = [y for _, y in kinds]
+    height = max(set(heights), key=heights.count)  # of the dialog's row of kinds
+    left = min(x for x, y in kinds if y == height)
     kinds = [(left + 109 * k, height) for k in range(4)]
     yield from h.click(*kinds[kind])
     yield 2.5
@@ -67,7 +68,7 @@ def dialog(h: Any, name: str, kind: int, shot: str, is_field_open: bool = False)
     h.shot(shot)
     if is_field_open:  # the dialog grows upwards
         shown = yield from h.radios()
-        height = next(y for x, y in shown if x == left)
+        height = next(y for x, y in shown if abs(x - left) < 2)
         yield from h.click(kinds[3][0] - 60, height + 26)
         yield 1.0
         h.shot("list_" + shot)
