@@ -163,10 +163,10 @@ class Layout:
         assert listed in owner.bl_rna.properties and index in active.bl_rna.properties
         self.shown.append(listed)
 
-    def row(self, **_options: bool) -> Layout:
+    def row(self, **_options: float) -> Layout:
         return self
 
-    column = box = row
+    column = box = split = row
 
     def prop_decorator(self, owner: Any, name: str) -> None:
         assert name in owner.bl_rna.properties, name
