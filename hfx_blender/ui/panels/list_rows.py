@@ -236,7 +236,8 @@ class HFX_UL_effects(bpy.types.UIList):
             layout.label(text=row.name, translate=False)
             return
         line = layout.row(align=True)
-        names = line.split(factor=0.7, align=True) if _shows_body(context, row) else line
+        shows_body = _shows_body(context, row)
+        names = line.split(factor=0.7, align=True) if shows_body else line
         title = names.row(align=True)
         strips = clips.strips_of(row_effects[0]) if row.effect else []
         title.alert = any(
@@ -248,7 +249,7 @@ class HFX_UL_effects(bpy.types.UIList):
                 title.label(text="", icon="BLANK1")
             icon = "ERROR" if title.alert else MODALITIES[hfx.modality].icon
             title.prop(effect, "name", text="", icon=icon, emboss=False)
-            if names is not line:
+            if shows_body:
                 body = effects.body_in(context.scene, effect)
                 names.label(text="" if body is None else body.name, translate=False)
             title.active = not effects.is_locked(effect)
