@@ -198,7 +198,8 @@ def class_messages() -> dict[str, str]:
     for cls in _classes():
         name, rna = cls.__name__, cls.bl_rna
         inherited = set() if rna.base is None else set(rna.base.properties.keys())
-        add(getattr(cls, "bl_label", ""), name)
+        if not hasattr(cls, "preset_subdir"):  # Blender sets the label to the chosen preset
+            add(getattr(cls, "bl_label", ""), name)
         if issubclass(cls, bpy.types.Operator):
             rna = getattr(bpy.ops.hfx, cls.bl_idname.partition(".")[2]).get_rna_type()
             inherited = {"rna_type"}
