@@ -191,6 +191,10 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         self._is_invoked = True
+        # Without devices, the dialog begins without formats of devices: with purpose "Other".
+        has_devices = any(device.is_exported for device in context.scene.hfx.devices)
+        if not has_devices and not self.properties.is_property_set("formats"):
+            self.formats = {"track"}
         return ExportHelper.invoke(self, context, event)  # type: ignore[no-any-return]
 
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
@@ -270,13 +274,20 @@ def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
             layout.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ALL"
         if report.warnings:
             layout.separator()
-        facts = sorted(report.effects, key=lambda fact: bool(fact["felt"]))
+        unplayed = {lost["effect"] for lost in report.unrendered if lost["share"] == 1.0}
+        facts = sorted(
+            report.effects, key=lambda fact: (bool(fact["felt"]), fact["effect"] not in unplayed)
+        )
         for fact in facts[:_EFFECTS]:
-            if fact["felt"]:
-                text = f"{fact['effect']}: felt from {fact['from_s']:.2f} to {fact['to_s']:.2f} s"
+            name, icon = fact["effect"], "CHECKMARK"
+            if not fact["felt"]:
+                text, icon = f"{name}: not felt, as it {fact['reason']}", "X"
+            elif name in unplayed:
+                begin, end = fact["from_s"], fact["to_s"]
+                text = f"{name}: from {begin:.2f} to {end:.2f} s, but no chosen device plays it"
+                icon = "ERROR"
             else:
-                text = f"{fact['effect']}: not felt, as it {fact['reason']}"
-            icon = "CHECKMARK" if fact["felt"] else "X"
+                text = f"{name}: felt from {fact['from_s']:.2f} to {fact['to_s']:.2f} s"
             draw_wrapped(layout, printable(text), _POPUP_LINE, icon, _LINES)
         if len(facts) > _EFFECTS:
             layout.label(

@@ -232,8 +232,12 @@ HFX_API uint32_t hfx_body_add_volume(hfx_body *self, uint32_t effect, void *memo
   const size_t needed =
       hfx_body_effects_volume_bytes(&self->clip, self->body, self->effects, effect);
   hfx_felt *felt = (hfx_felt *)memory;
+  const hfx_felt *other;
   size_t i;
   if (!memory || !needed || size < needed || self->next_number == HFX_NONE) return HFX_NONE;
+  /* Memory in use would close the list of volumes to a ring. */
+  for (other = self->felt; other; other = other->next)
+    if (other == felt) return HFX_NONE;
   for (i = 0; i < needed; i++) ((unsigned char *)memory)[i] = 0;
   hfx_begin_felt(self, felt, effect, (float *)(void *)(felt + 1));
   felt->number = self->next_number++;

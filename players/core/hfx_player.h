@@ -369,7 +369,7 @@ HFX_API size_t hfx_body_effects_volume_bytes(const hfx_clip *clip, uint32_t body
                                              const hfx_clip *effects, uint32_t effect);
 /* Adds a volume, off, with matrix and parameters as in the clip. Returns its number, which the
  * functions above and below take in place of an effect; HFX_NONE: there is no such volume effect,
- * or too little memory. The memory stays in use until the volume is removed. */
+ * too little memory, or memory of an added volume. The memory stays in use until the volume is removed. */
 HFX_API uint32_t hfx_body_add_volume(hfx_body *self, uint32_t effect, void *memory, size_t size);
 /* Removes an added volume. Returns the memory that it had; NULL: no added volume has the number. */
 HFX_API void *hfx_body_remove_volume(hfx_body *self, uint32_t number);

@@ -200,15 +200,19 @@ class Body:
         self._blocks: list[object] = []
         self._body = body
 
-    def add_volume(self, effect: int, size: int | None = None) -> int:
-        """Add a volume, with memory of ``size`` bytes or as many as needed; return the number."""
+    def add_volume(
+        self, effect: int, size: int | None = None, *, in_memory_of_last: bool = False
+    ) -> int:
+        """Add a volume, with memory of ``size`` bytes or as many as needed; return the number. The
+        memory is new, or that of the last volume added."""
         if size is None:
             size = int(
                 self._core.hfx_body_effects_volume_bytes(
                     self._clip.at, self._body, self._effects.at, effect
                 )
             )
-        self._blocks.append((ctypes.c_uint64 * (size // 8 + 1))())
+        if not in_memory_of_last:
+            self._blocks.append((ctypes.c_uint64 * (size // 8 + 1))())
         given = ctypes.c_size_t(size)
         return int(self._core.hfx_body_add_volume(self._at, effect, self._blocks[-1], given))
 

@@ -80,6 +80,15 @@ def test_a_removed_volume_is_silent_and_numbers_stay(tmp_path: Path) -> None:
     assert body.add_volume(9) == body.add_volume(0, size=16) == 0xFFFFFFFF
 
 
+def test_memory_in_use_takes_no_second_volume(tmp_path: Path) -> None:
+    body = Body(Clip(write_small_clip(tmp_path).read_bytes()))
+    number = body.add_volume(0)
+    assert body.add_volume(0, in_memory_of_last=True) == 0xFFFFFFFF
+    assert body.remove_volume(number)
+    assert body.add_volume(0, in_memory_of_last=True) not in (0, number, 0xFFFFFFFF)
+    body.evaluate(0.01)  # does not hang
+
+
 def test_a_painted_area_has_no_further_volume(tmp_path: Path) -> None:
     body = Body(Clip(write_small_clip(tmp_path).read_bytes()))
     assert body.add_volume(4) == 0xFFFFFFFF

@@ -42,6 +42,7 @@ _UNPAINTED = (0.3, 0.3, 0.35, 1.0)
 """Colour of weight 0."""
 
 _before: dict[int, tuple[list[dict[str, Any]], float]] = {}
+_browsers: set[int] = set()  # areas of Asset Browsers that show a picture
 """Views and opacity before painting, by the viewport's pointer; for as long as Blender runs."""
 
 
@@ -112,6 +113,9 @@ def leave() -> None:
             if view is not None and area.type == "VIEW_3D":
                 framing.restore(area, view[0])
                 area.spaces.active.overlay.weight_paint_mode_opacity = view[1]
+            if area.as_pointer() in _browsers and area.type == "IMAGE_EDITOR":
+                area.ui_type = "ASSETS"
+    _browsers.clear()
     _before.clear()
     set_weight_colours(None)
 
@@ -138,9 +142,14 @@ def set_weight_colours(colour: tuple[float, ...] | None) -> None:
 
 
 def show_picture(context: bpy.types.Context, image: bpy.types.Image) -> None:
-    """Show an image in Paint mode in the largest Image Editor, or in half of the viewport; paint
-    with white. No effect without either."""
+    """Show an image in Paint mode in an Image Editor, in place of the Asset Browser until painting
+    ends, or in half of the viewport; paint with white. No effect without any of them."""
     areas = [area for area in context.screen.areas if area.type == "IMAGE_EDITOR"]
+    browsers = [area for area in context.screen.areas if area.ui_type == "ASSETS"]
+    if not areas and browsers:
+        _browsers.add(browsers[0].as_pointer())
+        browsers[0].type = "IMAGE_EDITOR"
+        areas = browsers
     viewport = framing.viewport(context)
     if not areas and viewport is not None:
         with context.temp_override(area=viewport, region=framing.views(viewport)[-1]):

@@ -19,7 +19,7 @@ from . import clip_waveforms, list_rows
 
 _LEAST_ROWS, _MOST_ROWS = 3, 10  # height of the list of effects
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
-_NO_EFFECT = "Then add an effect: a volume in space, an area painted on the body, or a sensation"
+_NO_EFFECT = "Add an effect: a volume in space, an area painted on the body, or a sensation"
 SLOW = (
     "Volumes are evaluated slowly: this installation lacks the compiled part of HFX. Install the "
     "extension's zip for your computer, or see docs/native.md"

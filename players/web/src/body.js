@@ -121,6 +121,9 @@ export class HapticBody {
 
   /** Adds a volume that follows an object; its shape has unit size, so scale the object as in Blender. */
   addVolume(effect, object, level = 1) {
+    if (!object?.matrixWorld) {
+      throw new HapticError(`The object of the volume "${effect}" is no Object3D of three.js.`, -6);
+    }
     const { core } = this.clip;
     const { effects } = this.effectClip;
     const numbers = [];

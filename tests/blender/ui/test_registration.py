@@ -212,7 +212,7 @@ def test_the_panel_says_what_to_do_in_an_empty_scene(scene: Any) -> None:
     assert shown[-2:] == ["hfx.add_avatar", "HFX_MT_add"]
     bpy.ops.hfx.add_avatar()
     shown = drawn(effects_panel.HFX_PT_effects.draw, bpy.context)
-    assert "Then add an effect" in " ".join(shown)
+    assert "Add an effect" in " ".join(shown)
     assert shown[-2:] == ["hfx.add_painted", "HFX_MT_add"]
     bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
     shown = " ".join(drawn(effects_panel.HFX_PT_effects.draw, bpy.context))

@@ -401,6 +401,6 @@ func _unknown_effect(node: HapticVolume) -> String:
 	if node.effect == "":
 		return "HapticVolume '%s' has no effect." % node.name
 	return (
-		"The clip has no volume '%s' (of the node '%s'), but: %s."
-		% [node.effect, node.name, ", ".join(_effect_numbers.keys())]
+		"The clip has no volume '%s', but: %s."
+		% [node.effect, ", ".join(_effect_numbers.keys())]
 	)
