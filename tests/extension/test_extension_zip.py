@@ -200,7 +200,9 @@ def test_no_host_and_no_home_is_named(small: Path) -> None:
     host = re.compile(rb"(index-url|file:///|/home/|/root/|\blocalhost\b)")
     with zipfile.ZipFile(small) as archive:
         for name in archive.namelist():
-            if Path(name).suffix in {".toml", ".json"}:
+            # Translated messages name the hosts that a user may enter.
+            is_text = name.startswith("translations/")
+            if Path(name).suffix in {".toml", ".json"} and not is_text:
                 assert not host.search(archive.read(name)), name
     assert re.fullmatch(r"([0-9a-f]{64}  [\w.+-]+\.whl\n)+", addon_wheels.LOCK.read_text())
 
