@@ -82,6 +82,10 @@ def _update_mutes(self: HfxDeviceName, context: bpy.types.Context) -> None:
         events.announce("live mutes", context.scene)
 
 
+def _is_body(_self: HfxDeviceName, obj: bpy.types.Object) -> bool:
+    return obj.hfx.role == "BODY"
+
+
 class HfxDeviceName(bpy.types.PropertyGroup):
     """Device of the user's registry, by name. The .blend stores no configuration."""
 
@@ -99,6 +103,13 @@ class HfxDeviceName(bpy.types.PropertyGroup):
         description="Rendering scheme: distribution of sensations among the actuators",
         items=SCHEMES,
         options=set(),
+        update=_update_live_source,
+    )
+    body: PointerProperty(
+        name="Worn By",
+        description="Haptic body with this device during live playback. None: the first body",
+        type=bpy.types.Object,
+        poll=_is_body,
         update=_update_live_source,
     )
     is_exported: BoolProperty(

@@ -30,6 +30,7 @@ class DeviceState:
     folder: str | None = None  # of the user's configurations
     has_script: bool = False
     scheme: str = ""  # rendering scheme; "": as configured
+    body_id: str = ""  # wearer; "": the body passed to LiveClient.describe
     text: str = ""  # reason of the state, or the last line of the device's script
     unit: str = ""  # label of the device at a server; "" without
     levels: tuple[float, ...] = ()  # 0..1 by actuator
@@ -145,11 +146,18 @@ class LiveClient:
         self._feed(name, MessageKind.HAPTICS, haptics)
 
     def describe(self, header: TrackHeader, body_id: str) -> None:
-        """Send the scene and the body of later moments, for the devices connected now.
-        Unsent moments are discarded, and all devices are silent until the next moment."""
+        """Send the scene of later moments, for the devices connected now. ``body_id`` wears all
+        devices without a wearer of their own. A wearer missing in ``header`` becomes a fault of
+        the device. Unsent moments are discarded, and all devices are silent until the next
+        moment."""
         rendered = tuple(
             RenderedDevice(
-                state.number, state.configuration, state.folder, state.has_script, state.scheme
+                state.number,
+                state.configuration,
+                state.folder,
+                state.has_script,
+                state.scheme,
+                state.body_id,
             )
             for state in self.devices.values()
         )

@@ -47,6 +47,7 @@ class RenderedDevice:
     folder: str | None  # of the user's configurations
     has_script: bool
     scheme: str = ""  # rendering scheme; "": as configured
+    body_id: str = ""  # wearer; "": the body of the scene message
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,7 +79,8 @@ class Renderers:
             try:
                 folder = None if rendered.folder is None else Path(rendered.folder)
                 device = load_device(rendered.configuration, folder).rendered_by(rendered.scheme)
-                renderer = MomentRenderer(scene.header, device, body_id=scene.body_id)
+                wearer = rendered.body_id or scene.body_id
+                renderer = MomentRenderer(scene.header, device, body_id=wearer)
                 # Models and distances are loaded now, so that the first moment is on time.
                 renderer.prepare()
             except Exception as error:  # a fault must not affect the rest

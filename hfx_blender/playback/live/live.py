@@ -295,8 +295,8 @@ class Live:
                 self.client.send(name, neutral)
 
     def describe(self, context: bpy.types.Context) -> None:
-        """Send the description of the selected source if changed, with the rendering schemes of
-        the scene; never call this during a depsgraph update.
+        """Send the description of the selected source if changed, with the rendering schemes and
+        wearers of the scene; never call this during a depsgraph update.
 
         Raises InputError: the selected track cannot be read.
         """
@@ -306,6 +306,8 @@ class Live:
         for name, state in self.states.items():
             item = context.scene.hfx.devices.get(name)
             state.scheme = "" if item is None else scheme_of(item)
+            wearer = None if item is None else item.body
+            state.body_id = "" if wearer is None else wearer.hfx.uid
         # Before the source opens: positions are part of the description's fingerprint.
         evaluation.with_positions = needs_positions(
             [connected.device for connected in self.connected.values()]

@@ -56,15 +56,15 @@ class SceneSource:
         recorder.check_settings(context.scene)
 
     def begin(self, client: LiveClient) -> None:
-        """Send the description to the output process, with the first body as wearer of all devices.
-        The scene must be open."""
+        """Send the description to the output process. The first body wears the devices without a
+        wearer of their own. The scene must be open."""
         from ...engine.rendering.moment import moment_header
 
         assert evaluation.scene is not None
         description = evaluation.scene.description
         header = moment_header(description)
         self._streams = header.streams
-        client.describe(header, description.bodies[0].id)  # the first body wears the devices
+        client.describe(header, description.bodies[0].id)
 
     def frame(
         self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]

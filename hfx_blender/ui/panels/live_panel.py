@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ...authoring.effects import effects
 from ...blender.translation import translated
 from ...playback.live.latency import uncompensated
 from ...playback.live.live import live
@@ -124,6 +125,8 @@ def _draw_device(
     row.operator("hfx.live_remove", text="", icon="X").name = item.name
     if item.is_expanded:
         _draw_facts(context, box.column(align=True), item, facts)
+    if item.body is not None or len(effects.bodies_of(context.scene)) > 1:
+        box.prop(item, "body", icon="ARMATURE_DATA")
     if state is None:
         box.operator("hfx.live_connect", icon="LINKED").name = item.name
     else:

@@ -91,6 +91,18 @@ def until(happened: Callable[[], object]) -> None:
         time.sleep(0.005)
 
 
+def test_a_device_plays_on_the_body_chosen_as_wearer(log: Path) -> None:
+    play(log)
+    bpy.ops.hfx.add_avatar()
+    second = bpy.context.object
+    item = bpy.context.scene.hfx.devices[PAD]
+    item.body = second  # the effect is painted on the first body
+    until(lambda: live.states[PAD].body_id == second.hfx.uid)
+    until(lambda: not is_loud(log))
+    item.body = None
+    until(lambda: is_loud(log))
+
+
 def go(frame: int) -> None:
     bpy.context.scene.frame_set(frame)
 

@@ -192,6 +192,28 @@ def test_gain_and_mute_are_of_one_device():
     assert not muted[columns + 1 : columns + 1 + columns // 2].any()  # strengths of the tone
 
 
+def test_devices_on_several_bodies_play_the_samples_of_their_wearer():
+    other = replace(STREAMS[0], body_id="second")
+    header = replace(
+        HEADER,
+        bodies=(*HEADER.bodies, TrackBody("second", "Somebody else")),
+        streams=(*STREAMS, other),
+    )
+    devices = (
+        worn(BAND, 1),
+        replace(worn(BAND, 2), body_id="second"),
+        replace(worn(BAND, 3), body_id="gone"),
+    )
+    renderers = Renderers(decode_scene(encode_scene(SceneMessage(header, BODY, devices))))
+    # The wearer that the scene lacks is named; the device plays nothing of another body.
+    assert len(renderers.faults) == 1 and b"gone" in renderers.faults[0]
+    indices = {stream: k for k, stream in enumerate(header.streams)}
+    runs = LiveFrame(1.0, [vibration(other, 3.0, 80.0)])
+    first, second = renderers.answers(encode_live_frame(runs, indices))
+    assert not decode_values(first[7:])[::2].any()
+    assert decode_values(second[7:])[::2].max() == pytest.approx(3.0)
+
+
 def test_late_actuators_get_later_samples(tmp_path: Path) -> None:
     content = json.loads((resources.device_configs() / "mango_pad.json").read_text())
     content["id"] = "late"
