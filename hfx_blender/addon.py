@@ -8,7 +8,7 @@ import atexit
 from . import cli, operators, ui
 from .authoring import handlers
 from .blender import events, translation
-from .playback.live import live
+from .playback.live import body_tracking, live
 from .playback.preview import effect_overlay, preview
 from .playback.timeline import timeline_clips
 from .processes.blender_session import inside_blender
@@ -16,7 +16,7 @@ from .properties import objects, preferences
 
 _MODULES = (
     *(translation, events, preferences, objects, operators, ui, handlers),
-    *(preview, effect_overlay, timeline_clips, live, cli),
+    *(preview, effect_overlay, timeline_clips, live, body_tracking, cli),
 )
 
 

@@ -8,6 +8,7 @@ of their own. Handlers and the heartbeat timer exist only while a device is conn
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -65,6 +66,8 @@ class Live:
         self.fault = ""  # error that stopped playing; empty without an error
         self.unapproved: set[str] = set()  # names of devices with a script that needs approval
         self.approved: dict[str, str] = {}  # fingerprint of the approved user script, by device
+        # Factors of all gains, such as the fade of a lost tracking, by subject; 0 silences.
+        self.factors: dict[str, float] = {}
         self._scene = SceneSource()
         self._playback = Playback()
         self.client: LiveClient | None = None  # None before the first connection
@@ -356,14 +359,24 @@ class Live:
             self.client.set_gains(self._gains(scene))
             self.handlers.request_update()
 
+    def resend(self, scene: bpy.types.Scene) -> None:
+        """Send the current samples again with changed :attr:`factors`."""
+        if self.client is not None:
+            self.client.set_gains(self._gains(scene))  # 0 silences without waiting for a frame
+            self.update(scene)
+
     def _gains(self, scene: bpy.types.Scene) -> dict[int, float]:
         """Gains other than 1, by device number; 0 for a muted device. Devices missing in the scene
-        are left out."""
+        have the product of :attr:`factors` alone."""
+        factor = math.prod(self.factors.values())
         gains = {}
         for name, state in self.states.items():
             item = scene.hfx.devices.get(name)
-            if item is not None and (item.is_muted or item.gain != 1.0):
-                gains[state.number] = 0.0 if item.is_muted else item.gain
+            gain = factor
+            if item is not None:
+                gain *= 0.0 if item.is_muted else item.gain
+            if gain != 1.0:
+                gains[state.number] = gain
         return gains
 
 

@@ -11,6 +11,7 @@ import bpy
 import pytest
 from mathutils import Euler, Matrix, Quaternion, Vector
 
+from hfx_blender.avatars.tracked_action import RigRecording
 from hfx_blender.avatars.tracked_rig import (
     POSE_BEFORE,
     HumanPose,
@@ -18,9 +19,12 @@ from hfx_blender.avatars.tracked_rig import (
     keep_pose,
     restore_pose,
 )
+from hfx_blender.blender import compat
+from hfx_blender.errors import InputError
 
 LEFT, BACK, UP = Vector((1, 0, 0)), Vector((0, 1, 0)), Vector((0, 0, 1))
 FRONT, DOWN = -BACK, -UP
+CHANNELS = "location rotation_quaternion rotation_euler rotation_axis_angle scale".split()
 
 
 @pytest.fixture
@@ -191,3 +195,36 @@ def test_every_rotation_mode_and_the_pose_before_are_kept(avatar: Any) -> None:
     restore_pose(avatar)
     assert channels() == before and not limit.mute and silent.mute
     assert POSE_BEFORE not in avatar
+
+
+def test_a_recording_has_the_received_pose_at_each_frame(avatar: Any) -> None:
+    """A turn of 90 degrees within a second, received at times between frames."""
+    scene = bpy.context.scene
+    scene.render.fps = 24
+    avatar.pose.bones["lowerarm01.L"].rotation_mode = "ZXY"
+    avatar.animation_data_create().action = before = bpy.data.actions.new("Before")
+    tracked = TrackedRig(avatar)
+    recording = RigRecording(tracked, 10)
+    keep_pose(avatar, tracked.names)
+    for k in range(61):
+        turn = Quaternion(BACK, math.pi / 2 * k / 60)
+        bases = tracked.bases(HumanPose({"LeftUpperArm": turn}, Vector((0, 0, 1 + k / 60))), avatar)
+        recording.add(5.0 + k / 60, bases)
+    restore_pose(avatar)
+    action = recording.bake(avatar, 24.0)
+    assert avatar.animation_data.action == action and before.use_fake_user
+    for frame, degrees in ((10, 0.0), (17, 26.25), (22, 45.0), (34, 90.0)):
+        scene.frame_set(frame)
+        angle = math.radians(degrees)
+        expected = Vector((math.cos(angle), 0, -math.sin(angle)))
+        arm = direction(avatar, "upperarm01.L", "lowerarm01.L")
+        assert (arm - expected).length < 1e-3, frame
+    curves = compat.fcurves(avatar)
+    assert {(round(c.range()[0]), round(c.range()[1])) for c in curves} == {(10, 34)}
+    assert all(len(c.keyframe_points) == 25 for c in curves)
+
+
+def test_a_recording_without_poses_is_refused(avatar: Any) -> None:
+    with pytest.raises(InputError, match="Nothing was received"):
+        RigRecording(TrackedRig(avatar), 1).bake(avatar, 24.0)
+    assert avatar.animation_data is None
