@@ -12,6 +12,7 @@ engine       scene description to samples, tracks and rasters; no bpy
 devices      device configurations, live output; no bpy
 formats      foreign file formats; no bpy
 generation   surfaces from words, and from pictures of generators; no bpy
+tracking     tracked bodies, values and time of other programs, by OSC; no bpy
 avatars      avatars in Blender, and perceptual models bound to avatars
 authoring    effects, volumes, surfaces and clips of a user
 reading      Blender's data as a scene description

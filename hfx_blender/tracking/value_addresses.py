@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""OSC addresses of values and time: from messages to typed changes (``docs/osc-addresses.md``)."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Final, NamedTuple
+from urllib.parse import quote, unquote
+
+from .osc_packets import OscMessage
+
+_PARAMETER: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")
+_MAX_NAME: Final = 256
+_SWITCHES: Final = frozenset(("mute", "trigger"))
+_RANGES: Final = {"gain": (0.0, 1.0), "intensity": (0.0, 1.0), "rate": (-16.0, 16.0)}
+_LARGEST: Final = 1e6  # of values without a range: beyond all parameters and times
+
+
+class ValueChange(NamedTuple):
+    """Change of a value.
+
+    ``target``: ``effect``, ``clip``, ``all`` (every device) or ``time``.
+    ``name``: of the effect or clip; "" for further targets.
+    ``parameter``: ``intensity``, ``frequency_hz`` ...; ``mute``, ``trigger``, ``gain``, ``time``
+    or ``rate``.
+    ``value``: finite; 0 or 1 of ``mute`` and ``trigger``.
+    """
+
+    target: str
+    name: str
+    parameter: str
+    value: float
+
+
+def is_used(address: str) -> bool:
+    """Test that an OSC address may be that of a value or of time."""
+    return address.startswith("/hfx/") or address in ("/time", "/rate")
+
+
+def address_of(target: str, name: str = "", parameter: str = "") -> str:
+    """OSC address of a parameter; the inverse of :func:`change_of`.
+
+    Characters of a name that OSC addresses cannot have are percent-encoded UTF-8, as in a URL.
+    """
+    if target == "time":
+        return f"/{parameter}"
+    return (
+        f"/hfx/{parameter}" if target == "all" else f"/hfx/{target}/{quote(name, '')}/{parameter}"
+    )
+
+
+def change_of(message: OscMessage) -> ValueChange | None:
+    """Change of a message; None for an unknown address, a pattern, an argument that is no number,
+    NaN, infinity, and a value out of range.
+
+    ``gain`` and ``intensity`` are 0 to 1, ``rate`` -16 to 16. A switch is on above 0; a trigger
+    without argument is on.
+    """
+    target, name, parameter = _parts(message.address)
+    if not target or not _PARAMETER.fullmatch(parameter):
+        return None
+    arguments = message.arguments or ((True,) if parameter == "trigger" else ())
+    if len(arguments) != 1 or not isinstance(arguments[0], int | float):
+        return None
+    value = float(arguments[0])
+    lowest, highest = _RANGES.get(parameter, (-_LARGEST, _LARGEST))
+    if math.isnan(value) or not lowest <= value <= highest:
+        return None
+    if parameter in _SWITCHES:
+        value = float(value > 0.0)
+    return ValueChange(target, name, parameter, value)
+
+
+def _parts(address: str) -> tuple[str, str, str]:
+    """Target, name and parameter of an address; "", "", "" for an unknown address."""
+    if address in ("/time", "/rate"):
+        return "time", "", address[1:]
+    match address.split("/"):
+        case ["", "hfx", "gain" | "mute" as parameter]:
+            return "all", "", parameter
+        case ["", "hfx", "effect" | "clip" as target, text, parameter]:
+            name = _name(text)
+            # Clips have triggers only, and only clips have them.
+            if name and (target == "clip") == (parameter == "trigger"):
+                return target, name, parameter
+    return "", "", ""
+
+
+def _name(text: str) -> str:
+    """Decode a percent-encoded name; "" for an invalid one."""
+    if not text or len(text) > 3 * _MAX_NAME:
+        return ""
+    try:
+        return unquote(text, errors="strict")[:_MAX_NAME]
+    except UnicodeDecodeError:
+        return ""
