@@ -46,6 +46,8 @@ EXPECTED = {  # parts, sides, actuators
     "bhaptics_tactosy_left": ("forearm", {LEFT}, 6),
     "bhaptics_tactosy_right": ("forearm", {RIGHT}, 6),
     "arduino_uno_pwm": ("forearm", {LEFT}, 6),
+    "vrc_haptics_board_left": ("forearm", {LEFT}, 8),
+    "vrc_haptics_board_right": ("forearm", {RIGHT}, 8),
     "sound_card_8": ("torso", None, 8),
     "peltier_sleeve_left": ("forearm", {LEFT}, 2),
     "peltier_sleeve_right": ("forearm", {RIGHT}, 2),

@@ -37,6 +37,7 @@ from ...engine.rendering.device_config import (
     UdpTransport,
     VertexPlace,
     VertexSet,
+    VrcHapticsEncoder,
     WebsocketTransport,
     WireEncoder,
 )
@@ -46,8 +47,8 @@ from ...files.json_shapes import Node, Number
 from ...files.kinds import refuse_another
 from .device_shape import DEVICE, FULL_SCALES, LOCAL, OSC_ADDRESS, SCHEMA, TRANSPORT_OF
 
-MAX_WIRE_CHANNELS: Final = 32
-_PORTS: Final = {"osc": 9000, "buttplug": 12345, "bhaptics": 15881}
+MAX_CHANNELS: Final = {"hfx-wire": 32, "vrc-haptics": 128}
+_PORTS: Final = {"osc": 9000, "vrc-haptics": 1027, "buttplug": 12345, "bhaptics": 15881}
 
 
 def device_from(document: Node) -> DeviceConfig:
@@ -308,8 +309,10 @@ def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
     # The encoder implies the kind of transport.
     if TRANSPORT_OF[kind] == "serial":
         return OutputConfig(encoder, SerialTransport(transport.get("baud", 115200)))
-    host, port = transport.get("host", "127.0.0.1"), transport.get("port", _PORTS[kind])
-    if not is_local(host):
+    # A board of VRC Haptics without a host is found by its announcements.
+    default = "" if kind == "vrc-haptics" else "127.0.0.1"
+    host, port = transport.get("host", default), transport.get("port", _PORTS[kind])
+    if host and not is_local(host):
         transport["host"].fail(LOCAL)
     is_udp = TRANSPORT_OF[kind] == "udp"
     return OutputConfig(encoder, (UdpTransport if is_udp else WebsocketTransport)(host, port))
@@ -333,7 +336,8 @@ def is_local(host: str) -> bool:
 
 def _encoder(node: Node, kind: str, actuators: tuple[Actuator, ...]) -> Encoder:
     """Read an encoder of a kind. InputError unless ``buttplug`` and ``bhaptics`` have an item for
-    each actuator, and ``hfx-wire`` 32 actuators at most, all silent at their minimum."""
+    each actuator, and ``hfx-wire`` and ``vrc-haptics`` 32 and 128 actuators at most, all silent at
+    their minimum."""
     if kind == "bytes":
         number = node.get("number")
         return BytesEncoder(
@@ -356,12 +360,12 @@ def _encoder(node: Node, kind: str, actuators: tuple[Actuator, ...]) -> Encoder:
     if kind == "bhaptics":
         _one_for_each(node["dots"], len(actuators))
         return BhapticsEncoder(tuple((dot["position"], dot["index"]) for dot in node.get("dots")))
-    if len(actuators) > MAX_WIRE_CHANNELS:
-        node.fail(f"another encoder: this one takes {MAX_WIRE_CHANNELS} actuators at most")
+    if len(actuators) > MAX_CHANNELS[kind]:
+        node.fail(f"another encoder: this one takes {MAX_CHANNELS[kind]} actuators at most")
     for actuator in actuators:  # a board that falls silent sets its pins to 0
         if actuator.type.strength.neutral != actuator.type.strength.minimum:
             node.fail(f"another encoder: actuator '{actuator.id}' is not silent at its minimum")
-    return WireEncoder()
+    return WireEncoder() if kind == "hfx-wire" else VrcHapticsEncoder()
 
 
 def _osc(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:

@@ -310,6 +310,7 @@ _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
             one_of=("address", "addresses"),
         ),
     ),
+    "vrc-haptics": ("udp", strict({})),
     "buttplug": (
         "websocket",
         strict(

@@ -31,6 +31,7 @@ from ...engine.rendering.device_config import (
     DeviceConfig,
     Encoder,
     OscEncoder,
+    VrcHapticsEncoder,
 )
 from ...errors import HfxError
 from ...files.atomic import atomic_file
@@ -74,6 +75,7 @@ def identities(
     ========================  ===================================================================
     port with serial number   USB ids and serial number
     port without              two: the port's path, and the configuration's id
+    VRC Haptics               ``label``, the MAC address of the board
     network                   normalised address and ``label``; slots are OSC addresses without
                               the configuration's id, features of a Buttplug device, or motors of
                               the bHaptics Player
@@ -97,6 +99,8 @@ def identities(
     if kind in ("udp", "websocket") and kind == kind_of(device):
         assert device.output is not None
         transport = device.output.transport
+        if isinstance(device.output.encoder, VrcHapticsEncoder):
+            return (Identity(f"vrc-haptics {label}", numbers),)
         host = computer(str(target.get("host", getattr(transport, "host", ""))))
         port_number = target.get("port", getattr(transport, "port", ""))
         name = f"{kind} {host}:{port_number} {label}".rstrip()

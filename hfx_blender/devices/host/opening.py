@@ -15,6 +15,8 @@ from ...engine.rendering.device_config import (
     OscEncoder,
     SerialTransport,
     TextEncoder,
+    UdpTransport,
+    VrcHapticsEncoder,
     WireEncoder,
 )
 from ..configurations.configuration_reader import is_local
@@ -70,7 +72,7 @@ def kind_of(device: DeviceConfig) -> str | None:
         return None
     if isinstance(device.output.transport, SerialTransport):
         return "serial"
-    return "udp" if isinstance(device.output.encoder, OscEncoder) else "websocket"
+    return "udp" if isinstance(device.output.transport, UdpTransport) else "websocket"
 
 
 def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
@@ -89,16 +91,17 @@ def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
 
 
 def _network(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
-    """Connect by OSC, Buttplug or bHaptics, as the encoder says, to host and port of a target, by
-    default those of the device's transport. OutputLostError: the host is not local, the port is not
-    1 to 65535, or no connection."""
+    """Connect by OSC, VRC Haptics, Buttplug or bHaptics, as the encoder says, to host and port of a
+    target, by default those of the device's transport. OutputLostError: the host is not local, the
+    port is not 1 to 65535, or no connection."""
     assert device.output is not None
     how, transport = device.output.encoder, device.output.transport
     assert not isinstance(transport, SerialTransport)
     # Hosts on the internet are refused, also from a settings file edited by hand.
     host = target.get("host", transport.host)
     port = target.get("port", transport.port)
-    if not isinstance(host, str) or not is_local(host):
+    is_announced = host == "" and isinstance(how, VrcHapticsEncoder)
+    if not isinstance(host, str) or not (is_announced or is_local(host)):
         raise OutputLostError(
             f"'{str(host)[:60]}' is neither localhost nor an address of a private network."
         )
@@ -108,6 +111,10 @@ def _network(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
         from ..transports.osc import OscOutput
 
         return OscOutput(device, how, host, port)
+    if isinstance(how, VrcHapticsEncoder):
+        from ..transports.vrc_haptics import VrcHapticsOutput
+
+        return VrcHapticsOutput(device, host, port, str(target.get("unit", "")))
     if isinstance(how, ButtplugEncoder):
         from ..transports.buttplug import ButtplugOutput
 

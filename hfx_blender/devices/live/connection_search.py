@@ -17,6 +17,7 @@ from ...engine.rendering.device_config import (
     ButtplugEncoder,
     DeviceConfig,
     SerialTransport,
+    VrcHapticsEncoder,
 )
 from ...errors import DeviceError
 from ..host.opening import kind_of
@@ -28,6 +29,12 @@ _PROGRAMS: Final[dict[type, str]] = {
     BhapticsEncoder: "the bHaptics Player",
     ButtplugEncoder: "Intiface Central, and its server",
 }
+NO_DEAD_MAN: Final = (
+    "Motors of this board may run on if the network fails: keep its power switch within reach. "
+    "Stop All sends zeros"
+)
+"""Warning about boards of VRC Haptics, shown before and during playback."""
+
 _REPEAT_S: Final = 1.0
 _LONGEST_S: Final = 300.0  # an abandoned search ends
 
@@ -66,6 +73,8 @@ def searched(device: DeviceConfig, settings: LiveSettings) -> Generator[Connecti
     while True:
         if kind == "serial":
             yield _serial(device, settings.port, serial_ports())
+        elif kind == "udp" and settings.kind == "DEVICE" and _is_board(device):
+            yield _boards(settings)
         elif kind == "AUDIO":
             yield _cards(device, settings.port)
         else:
@@ -125,6 +134,24 @@ def _served(device: DeviceConfig, settings: LiveSettings) -> Iterator[Connection
                         yield Connections(units=fitting, hint="" if fitting else hint)
             except OutputLostError as error:
                 yield Connections(hint=str(error))
+
+
+def _is_board(device: DeviceConfig) -> bool:
+    return device.output is not None and isinstance(device.output.encoder, VrcHapticsEncoder)
+
+
+def _boards(settings: LiveSettings) -> Connections:
+    """Boards of VRC Haptics that announce themselves; the hint is on a missing board, or the
+    warning that boards have no dead-man switch."""
+    from ..transports.vrc_haptics import SEARCH_S, announced, chosen_board
+
+    try:
+        boards = announced(SEARCH_S)
+        if not settings.host:
+            chosen_board(boards, settings.unit)
+    except OutputLostError as error:
+        return Connections(hint=str(error))
+    return Connections(units=tuple((board.label, board.host) for board in boards), hint=NO_DEAD_MAN)
 
 
 def _cards(device: DeviceConfig, name: str) -> Connections:

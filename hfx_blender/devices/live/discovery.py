@@ -12,7 +12,12 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final
 
-from ...engine.rendering.device_config import ButtplugEncoder, DeviceConfig, WebsocketTransport
+from ...engine.rendering.device_config import (
+    ButtplugEncoder,
+    DeviceConfig,
+    VrcHapticsEncoder,
+    WebsocketTransport,
+)
 from ...errors import DeviceError, HfxError
 from ..configurations.configuration_reader import is_local
 from ..host.output import OutputLostError
@@ -73,9 +78,11 @@ def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -
 
     First, in the order of ``devices``, one for each of ``ports`` with USB ids and serial number of
     the device's brand; then devices by websocket whose local program accepts a connection, for
-    Buttplug one for each fitting device of the server. Never OSC: datagrams get no answer.
+    Buttplug one for each fitting device of the server, and by VRC Haptics one for each board that
+    announces itself within two seconds. Never OSC: datagrams get no answer.
     """
     ports, matches = list(ports), []
+    for_boards: list[DeviceConfig] = []
     programs: dict[tuple[str, int], list[DeviceConfig]] = {}
     for device in devices:
         matches += [
@@ -84,6 +91,15 @@ def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -
         transport = None if device.output is None else device.output.transport
         if isinstance(transport, WebsocketTransport):
             programs.setdefault((transport.host, transport.port), []).append(device)
+        elif device.output is not None and isinstance(device.output.encoder, VrcHapticsEncoder):
+            for_boards.append(device)
+    if for_boards:
+        from ..transports.vrc_haptics import SEARCH_S, announced
+
+        with suppress(OutputLostError):
+            for board in announced(SEARCH_S):
+                text = f"VRC Haptics board at {board.host}"
+                matches += [Found(device.id, "", text, board.label) for device in for_boards]
     if programs:
         # In parallel, as an address without a program costs the whole time limit.
         with ThreadPoolExecutor(len(programs)) as pool:
@@ -95,7 +111,7 @@ def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -
 
 
 def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:
-    """Look for all shipped devices and devices of a folder, for some tenths of a second.
+    """Look for all shipped devices and devices of a folder, for about three seconds.
 
     Returns the names of all serial ports, the matches, and messages about unreadable
     configurations.

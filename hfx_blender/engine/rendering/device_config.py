@@ -284,7 +284,20 @@ class BhapticsEncoder:
         return tuple((_OTHER_SIDE.get(position, position), index) for position, index in self.dots)
 
 
-Encoder = WireEncoder | BytesEncoder | TextEncoder | OscEncoder | ButtplugEncoder | BhapticsEncoder
+@dataclass(frozen=True)
+class VrcHapticsEncoder:
+    """Values of all motors of a board with the firmware of VRC Haptics, in the board's order."""
+
+
+Encoder = (
+    WireEncoder
+    | BytesEncoder
+    | TextEncoder
+    | OscEncoder
+    | ButtplugEncoder
+    | BhapticsEncoder
+    | VrcHapticsEncoder
+)
 
 
 @dataclass(frozen=True)

@@ -224,14 +224,20 @@ class HFX_OT_live_connect(OfDevice):
 
     def _draw_connection(self, column: bpy.types.UILayout, output: OutputConfig) -> None:
         """Draw the fields of a serial port or network address, and of a server's devices."""
-        from ...engine.rendering.device_config import ButtplugEncoder, SerialTransport
+        from ...engine.rendering.device_config import (
+            ButtplugEncoder,
+            SerialTransport,
+            VrcHapticsEncoder,
+        )
 
         if isinstance(output.transport, SerialTransport):
             column.prop(self, "port", text="Serial Port", placeholder="Found by USB")
         else:
-            column.prop(self, "host", placeholder=output.transport.host)
+            column.prop(self, "host", placeholder=output.transport.host or "Found by announcement")
             column.prop(self, "port", placeholder=str(output.transport.port))
-        if isinstance(output.encoder, ButtplugEncoder) or self.unit:
+        if isinstance(output.encoder, VrcHapticsEncoder):
+            column.prop(self, "unit", placeholder="The only board")
+        elif isinstance(output.encoder, ButtplugEncoder) or self.unit:
             column.prop(self, "unit", placeholder="First free device")
 
     def work(self, _context: bpy.types.Context) -> str:
@@ -255,11 +261,14 @@ found: list[Found] = []
 
 
 def find_devices() -> list[str]:
-    """Search for devices, for some tenths of a second; replaces :data:`found`, and returns the
-    names of all serial ports. Faulty configurations are left out."""
+    """Search for devices, for about three seconds, in which devices are silent; replaces
+    :data:`found`, and returns the names of all serial ports. Faulty configurations are left out."""
     from ...devices.live.discovery import found_at
 
     # Adding a device reports errors of its configuration.
+    # The search takes some seconds, in which Blender sends no signs of life.
+    if live.client is not None:
+        live.client.pause()
     ports, found[:], _ = found_at(resources.user_devices())
     return ports
 
