@@ -17,6 +17,7 @@ from mathutils import Matrix, Quaternion, Vector
 
 from ..engine.body.rigs.vocabulary import FINGERS
 from ..errors import InputError
+from ..tracking.vmc_body import PARENTS
 from . import bone_table
 
 POSE_BEFORE: Final = "hfx_pose_before"
@@ -31,28 +32,6 @@ _SPINES: Final = ("Spine", "Chest", "UpperChest")
 _HIP_HEIGHT_M: Final = 0.95  # of a person whose first height is no height of a standing person
 _STANDING_M: Final = (0.4, 1.5)  # plausible hip heights
 _ALIGNED: Final = 0.96  # cosine; axes of a rig within 16 degrees of an axis of the armature
-
-
-def _parents() -> dict[str, str]:
-    """Parent by name of Unity's human bones, parents first; "" above the hips."""
-    parents = {"Hips": "", "Spine": "Hips", "Chest": "Spine", "UpperChest": "Chest"}
-    parents |= {"Neck": "UpperChest", "Head": "Neck", "Jaw": "Head"}
-    for side in ("Left", "Right"):
-        above = {"Shoulder": "UpperChest", "UpperLeg": "Hips"}
-        chain = ("UpperArm", "Shoulder"), ("LowerArm", "UpperArm"), ("Hand", "LowerArm")
-        chain += ("LowerLeg", "UpperLeg"), ("Foot", "LowerLeg"), ("Toes", "Foot")
-        parents |= {side + bone: parent for bone, parent in above.items()}
-        parents |= {side + bone: side + parent for bone, parent in chain}
-        parents[f"{side}Eye"] = "Head"
-        for finger in ("Thumb", "Index", "Middle", "Ring", "Little"):
-            parent = f"{side}Hand"
-            for joint in ("Proximal", "Intermediate", "Distal"):
-                parents[f"{side}{finger}{joint}"] = parent
-                parent = f"{side}{finger}{joint}"
-    return parents
-
-
-PARENTS: Final = _parents()
 
 
 def _human_bones() -> dict[str, str]:

@@ -22,6 +22,8 @@ class Evaluation:
         self.scene: LiveScene | None = None  # None before a description, and after a fault
         self.fault = ""  # error of the last description; empty without an error
         self.generation = 0  # rises with each description
+        # Received values by property and name of the effect, in place of those in the scene.
+        self.overrides: dict[str, dict[str, float]] = {}
         self.with_positions = False  # True while a device needs the positions of samples
         # Called before a description, which may load body models and take seconds.
         self.before_describing: Callable[[], None] = lambda: None
@@ -62,7 +64,13 @@ class Evaluation:
         self.before_describing()
         try:
             tolerance = live_tolerance(scene)
-            self.scene = LiveScene(scene, layer, tolerance, with_positions=self.with_positions)
+            self.scene = LiveScene(
+                scene,
+                layer,
+                tolerance,
+                with_positions=self.with_positions,
+                overrides=self.overrides,
+            )
         except HfxError as error:
             self.fault = str(error)
 

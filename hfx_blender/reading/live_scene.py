@@ -8,7 +8,7 @@ of stepping. Faulty effects are left out.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from operator import attrgetter
@@ -88,7 +88,9 @@ class LiveScene:
     """Scene that is described once and evaluated after every change.
 
     ``layer`` holds the evaluated objects; ``with_positions`` adds positions to samples, for devices
-    in a room. Raises InputError if the scene has no body or no valid effect.
+    in a room. ``overrides`` are values in place of evaluated properties, by property and name of
+    the effect; the mapping is read at each moment. Raises InputError if the scene has no body or no
+    valid effect.
     """
 
     def __init__(
@@ -98,6 +100,7 @@ class LiveScene:
         tolerance: Tolerance,
         *,
         with_positions: bool = False,
+        overrides: Mapping[str, Mapping[str, float]] | None = None,
     ) -> None:
         self.signature = signature_of(scene)
         haptics = scene_description.find(scene, layer)
@@ -116,6 +119,8 @@ class LiveScene:
         self.record = ("positions",) if with_positions else ()
         self.engine = Engine(self.description, record=self.record, tolerance=tolerance)
         self._reading = SteppedReading(self.objects, self.description, shapes)
+        if overrides is not None:
+            self._reading.overrides = overrides
         self._now = _AsItStands(scene, layer)
         self._index = 0  # advances where strokes over surfaces need history
         own = self.description.effects[: len(self.objects.effects)]
@@ -162,7 +167,8 @@ class LiveScene:
             return range(len(self.objects.effects))
         graph = self.objects.layer.depsgraph
         pairs = zip(self.objects.effects, self.objects.activations, strict=True)
-        levels = [state.level(obj.evaluated_get(graph).hfx) for obj, state in pairs]
+        read = self._reading.properties_of
+        levels = [state.level(read(obj, obj.evaluated_get(graph))) for obj, state in pairs]
         # Not "> 0": NaN has to be found and reported.
         return [k for k, level in enumerate(levels) if not level <= 0.0] or None
 

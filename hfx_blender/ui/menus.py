@@ -14,6 +14,7 @@ from ..authoring.effects import effects, swarms
 from ..engine.modality import MODALITIES
 from ..operators.effects.clip_operators import draw_clip_buttons
 from ..operators.shared import KeyBindings, active_armature, active_body, active_effect
+from ..playback.live.listening import properties_by_parameter
 from ..properties.objects import SHAPES
 
 
@@ -78,6 +79,7 @@ class HFX_MT_list(bpy.types.Menu):
         layout.separator()
         layout.operator("hfx.copy_effects", icon="COPYDOWN")
         layout.operator("hfx.paste_effects", icon="PASTEDOWN")
+        layout.menu("HFX_MT_copy_address")
         layout.separator()
         layout.prop_menu_enum(context.scene.hfx, "list_order", icon="SORTALPHA")
 
@@ -105,11 +107,27 @@ class HFX_MT_object(bpy.types.Menu):
             layout.separator()
             layout.operator("hfx.copy_effects", icon="COPYDOWN")
             layout.operator("hfx.save_effects", icon="EXPORT")
+            layout.menu("HFX_MT_copy_address")
         elif active_body(context) is None:
             layout.operator("hfx.mark_body", icon="ADD")
         else:
             draw_paint_menu(layout, "Painted Effect")
         layout.operator("hfx.paste_effects", icon="PASTEDOWN")
+
+
+class HFX_MT_copy_address(bpy.types.Menu):
+    """Values of the active effect with an OSC address"""
+
+    bl_label = "Copy Address"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        effect = active_effect(context)
+        if effect is None:
+            return
+        for parameter in (*properties_by_parameter(effect), "mute"):
+            text = parameter.replace("_", " ").title()
+            operator = self.layout.operator("hfx.copy_address", text=text, translate=False)
+            operator.parameter = parameter
 
 
 class HFX_MT_effect_pie(bpy.types.Menu):

@@ -22,6 +22,7 @@ from ...blender.events import add_handlers, call_soon, redraw, remove_handlers, 
 from ...blender.scene_info import fps_of
 from ...errors import HfxError, InputError
 from ...reading.stepped import stepping
+from .listening import listening
 from .live import live
 from .live_handlers import is_playing
 
@@ -214,5 +215,7 @@ def register() -> None:
 
 
 def unregister() -> None:
+    """End all receiving, of bodies and of values."""
+    listening.stop()
     body_tracking.stop_all()
     remove_handlers(_HANDLERS)

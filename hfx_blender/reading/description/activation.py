@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import pairwise
+from typing import Any
 
 import bpy
 import numpy as np
@@ -51,7 +52,7 @@ class Activation:
                 on |= (frames >= start) & (frames <= end)
         return on
 
-    def level(self, hfx: bpy.types.PropertyGroup) -> float:
+    def level(self, hfx: bpy.types.PropertyGroup | Any) -> float:
         """Level 0..1 from evaluated settings: 0 if off, intensity times gain of the group if always
         on, else activation times both, all clamped; NaN stays NaN."""
         if self.source is ActivationSource.OFF:

@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import bpy
 import numpy as np
@@ -151,6 +152,16 @@ class _Settings:
     is_mesh: bool  # deforming mesh: its shape is read at each time
 
 
+class OverriddenProperties:
+    """Haptic properties of an effect, read-only, with received values in place of some."""
+
+    def __init__(self, hfx: bpy.types.PropertyGroup, values: Mapping[str, float]) -> None:
+        self.__dict__.update(values, _stored=hfx)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stored, name)
+
+
 class SteppedReading:
     """Reader of effects and bodies from a stepped scene. ``keeps_settings``: cache the settings of
     effects without unmuted F-curves and drivers of haptic properties. False for scenes that a user
@@ -182,6 +193,8 @@ class SteppedReading:
         """Mesh volumes far from skin, of which only boxes are read."""
         self.faults: dict[str, set[int]] = {} if faults is None else faults
         """Meshes that are no closed volumes: message -> sample indices."""
+        self.overrides: Mapping[str, Mapping[str, float]] = {}
+        """Received values by property and name of the effect, in place of evaluated values."""
 
     def read(
         self, index: int, stepper: Stepper, effects: Iterable[int], bodies: Iterable[int]
@@ -221,7 +234,7 @@ class SteppedReading:
         cached = self._settings.get(which)
         if cached is not None and (which in self.far or not cached.is_mesh):
             return self._moved(cached, evaluated, effect)
-        hfx = evaluated.hfx
+        hfx = self.properties_of(effect, evaluated)
         values = EffectRow()
         if state.source is activation.ActivationSource.OFF:
             return values
@@ -258,6 +271,13 @@ class SteppedReading:
         if self._keeps[which]:
             self._keep(which, values, hfx)
         return values
+
+    def properties_of(
+        self, effect: bpy.types.Object, evaluated: bpy.types.Object
+    ) -> bpy.types.PropertyGroup | OverriddenProperties:
+        """Evaluated haptic properties of an effect, with :attr:`overrides`."""
+        values = self.overrides.get(effect.name)
+        return OverriddenProperties(evaluated.hfx, values) if values else evaluated.hfx
 
     def _shape(self, which: int, evaluated: bpy.types.Object) -> Shape:
         """Shape of a volume: cached if rigid, the box if a far deforming mesh, else read. Raises

@@ -220,7 +220,7 @@ class HFX_PT_media(HfxPanel, bpy.types.Panel):
     """Sound and video to be heard and seen with the haptics"""
 
     bl_label = "Sound and Video"
-    bl_order = 8
+    bl_order = 9
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

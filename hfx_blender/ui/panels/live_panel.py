@@ -208,7 +208,7 @@ class HFX_PT_values(HfxPanel, bpy.types.Panel):
     """Values of effects and actuators, now and over the whole timeline"""
 
     bl_label = "Values"
-    bl_order = 7
+    bl_order = 8
     bl_options = {"DEFAULT_CLOSED"}  # the list of effects has the same switches
 
     def draw(self, context: bpy.types.Context) -> None:
