@@ -111,22 +111,26 @@ def add_heartbeat(
 def envelope(strip: bpy.types.NlaStrip, count: int) -> list[Key]:
     """Activation over a clip as (frame, value), with repetitions, fades and drawn fades. There are
     ``count`` evenly spaced frames from start to end of the clip, and the keyframes."""
-    curve = curve_in(strip, DATA_PATH)
-    influence = strip.fcurves.find("influence") if strip.use_animated_influence else None
     start, length = strip.frame_start, strip.frame_end - strip.frame_start
     # Keyframes are added, as a sharp pulse may lie between two frames.
     times = {length * step / max(count - 1, 1) for step in range(count)}
     times |= {frame - start for frame, _ in keys_in(strip, DATA_PATH)}
-    values = []
-    for offset in sorted(times):
-        value = 1.0 if curve is None else curve.evaluate(_action_frame(strip, offset))
-        # Drawn fades replace linear fades.
-        if influence is not None:
-            value *= influence.evaluate(start + offset)
-        else:
-            value *= _fade(offset, strip.blend_in) * _fade(length - offset, strip.blend_out)
-        values.append((start + offset, min(max(value, 0.0), 1.0)))
-    return values
+    return [(start + offset, activation_at(strip, offset)) for offset in sorted(times)]
+
+
+def activation_at(strip: bpy.types.NlaStrip, offset: float) -> float:
+    """Activation 0..1 of a clip ``offset`` frames after its start, within its length, with
+    repetitions, fades and drawn fades."""
+    curve = curve_in(strip, DATA_PATH)
+    value = 1.0 if curve is None else curve.evaluate(_action_frame(strip, offset))
+    influence = strip.fcurves.find("influence") if strip.use_animated_influence else None
+    # Drawn fades replace linear fades.
+    if influence is not None:
+        value *= influence.evaluate(strip.frame_start + offset)
+    else:
+        length = strip.frame_end - strip.frame_start
+        value *= _fade(offset, strip.blend_in) * _fade(length - offset, strip.blend_out)
+    return min(max(value, 0.0), 1.0)
 
 
 def timed_shares(keys: Iterable[Key], first: float, fps: float) -> tuple[Key, ...]:

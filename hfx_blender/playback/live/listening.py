@@ -8,10 +8,8 @@ plays. Nothing is written into the .blend; a recording keeps values as keyframes
 from __future__ import annotations
 
 import logging
-import math
 import time
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import bpy
@@ -239,16 +237,7 @@ def _level_of(trigger: _Trigger, passed_s: float, scene: bpy.types.Scene) -> flo
     frame = passed_s * fps_of(scene)
     if strip is None or frame >= strip.frame_end - strip.frame_start:
         return None
-    keys = clips.envelope(strip, 2)
-    return _between(keys, strip.frame_start + frame)
-
-
-def _between(keys: list[clips.Key], frame: float) -> float:
-    """Linear interpolation of sorted (frame, value) keys, constant outside."""
-    for (first, low), (second, high) in pairwise(keys):
-        if first <= frame <= second and second > first:
-            return low + (high - low) * (frame - first) / (second - first)
-    return keys[0][1] if not math.isfinite(frame) or frame < keys[0][0] else keys[-1][1]
+    return clips.activation_at(strip, frame)
 
 
 listening = Listening()
