@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ..errors import DeviceError, HfxError, InputError, OutputError, UsageError, refuse_no_file
 from ..files import kinds
+from . import left_out
 from .arguments import add_json
 from .console import Console
 
@@ -79,6 +80,18 @@ def add_parser(commands: Any) -> None:
         help="play values that a game on this computer sends, instead of the clip, until Ctrl-C "
         "(docs/players/devices.md)",
     )
+    parser.add_argument(
+        "--follow",
+        metavar="PORT|midi:NAME",
+        help="follow the time of another program until Ctrl-C: OSC /time and /rate at this UDP "
+        "port, or MIDI time code of an input (docs/following-time.md)",
+    )
+    parser.add_argument(
+        "--listen-on",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="own address of --follow (default: 127.0.0.1, this computer only)",
+    )
     add_json(parser, run)
 
 
@@ -108,6 +121,20 @@ def run(options: argparse.Namespace, console: Console) -> int:
             # The game is the source from here on; the clip has served to check devices and columns.
             source, address_note = _listening(options, targets, stack)
             progress = _no_progress
+        clock = None
+        if options.follow is not None:
+            followed = left_out.module("followed_clock")
+            if followed is None:
+                raise UsageError(
+                    "--follow is not part of the extension: install hfx-blender by pip"
+                )
+            if options.listen is not None or options.begin is not None:
+                raise UsageError("--follow is without --listen and --from")
+            clock = stack.enter_context(
+                closing(followed.FollowedClock(options.follow, options.listen_on))
+            )
+            address_note = f"{options.file.name} follows the time from {clock.name}"
+            progress = _no_progress
         # Entered last, hence closed first: devices are silent before their source is closed.
         client = stack.enter_context(closing(LiveClient()))
         offset_ms = 0.0
@@ -129,6 +156,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 client,
                 from_s=options.begin,
                 offset_s=offset_ms / 1000.0,
+                clock=clock,
                 progress=progress,
                 connected=lambda: write_note(address_note) if address_note else None,
             )

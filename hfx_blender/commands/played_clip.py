@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..devices.live.client import LiveClient
 
 _EARLY = 1e-6  # rows; tolerance for rounded times
+_LONGEST_STEP_S = 0.5  # a later time is a jump; what lies between is not played
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,10 @@ class PlayedClip:
         now = self._row(time_s)
         # Rows since the last call: a slow caller must not skip a short strong row.
         first = now if self._shown is None else self._shown + 1
-        if time_s >= self.end_s and first > now:
+        if now - first >= _LONGEST_STEP_S * self._rate_hz:
+            first = now
+        is_over = time_s >= self.end_s + _LONGEST_STEP_S
+        if is_over or (time_s >= self.end_s and first > now):
             return self._neutral[name]
         # A time before the last call (a jump back) shows its own row only.
         first = min(first, now)

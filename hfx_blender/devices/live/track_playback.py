@@ -24,6 +24,9 @@ _STEPS_S: Final = (0.01, 0.05)
 # Time for the last ramp of a device, seconds.
 _FADE_S: Final = 0.1
 
+# Time after the end of a source at which it is silent, seconds.
+_SILENT_S: Final = 1.0
+
 # Time limit for the closing of the ports, seconds; an output needs 3 s at most.
 _CLOSE_S: Final = 4.0
 
@@ -136,6 +139,7 @@ def play(
     *,
     from_s: float | None = None,
     offset_s: float = 0.0,
+    clock: Callable[[], float | None] | None = None,
     progress: Callable[[float], None] = lambda share: None,
     connected: Callable[[], None] = lambda: None,
 ) -> list[DeviceState]:
@@ -145,6 +149,8 @@ def play(
 
     ``from_s``: start time on the source's clock; None: the source's start.
     ``offset_s``: longest delay of a device, also of the end.
+    ``clock``: time of another program on the source's clock, followed until an exception; the
+    source is silent while the clock gives None, and before its start and after its end.
     ``progress``: takes the played share, 0..1.
     ``connected``: called once, when the devices are ready.
 
@@ -170,6 +176,12 @@ def play(
         length_s = max(source.end_s - begin_s, 1e-9)
         # The upper bound keeps signs of life more frequent than the host's 250 ms.
         step_s = min(max(source.sample_s, _STEPS_S[0]), _STEPS_S[1])
+        while clock is not None:
+            time_s = clock()
+            if time_s is None or not source.start_s <= time_s < source.end_s:
+                time_s = source.end_s + _SILENT_S
+            source.show(client, time_s)
+            _wait_alive(client, step_s)
         begun = time.monotonic()
         while (now_s := begin_s + time.monotonic() - begun) < source.end_s:
             source.show(client, now_s)

@@ -195,3 +195,23 @@ SERIAL = {
         "transport": {"kind": "serial", "baud": 115200},
     },
 }
+
+
+def test_followed_clip_is_silent_while_the_clock_stands_and_jumps_over_what_lies_between() -> None:
+    # Rows at 10 Hz with a strong one at 3.0 s, which a jump from 1 s to 5 s must not play.
+    from hfx_blender.commands.played_clip import PlayedClip, _Rows
+
+    clip = PlayedClip.__new__(PlayedClip)
+    clip._rate_hz, clip._last, clip.start_s, clip.end_s, clip._shown = 10.0, 99, 0.0, 10.0, None
+    values = np.array([[1.0], [9.0], [2.0]])
+    rows = _Rows(np.array([0, 30, 31]), values, np.array([1, 9, 2]))
+    clip._actuators, clip._neutral = {"x": [rows]}, {"x": np.zeros(1)}
+    sent: list[float] = []
+
+    class Client:
+        def send(self, _name: str, row: object) -> None:
+            sent.append(float(np.asarray(row)[0]))
+
+    for time_s in (1.0, 11.0, 5.0, 5.1):
+        clip.show(Client(), time_s)  # type: ignore[arg-type]
+    assert sent == [1.0, 0.0, 2.0, 2.0]
