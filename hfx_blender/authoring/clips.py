@@ -18,6 +18,7 @@ DATA_PATH = "hfx.activation"
 
 _ROUNDING = 1e-4  # frames, as strips have single precision
 
+_TRACK = "Clips"
 _REPEATS = (0.1, 1000.0)
 """Blender's limits of a strip's repetitions, which it applies without a message."""
 
@@ -318,17 +319,18 @@ def remove_clip(effect: bpy.types.Object, name: str) -> None:
 
 
 def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types.NlaTrack:
-    """Lowest track of an effect with no strip, muted or not, in a span of frames; else a new track
-    "Clips" on top. Strips may touch the span. Tracks of a linked file are passed over. The effect
-    must have animation data."""
+    """Track of an effect with no strip, muted or not, in a span of frames: the lowest of name
+    "Clips", then the lowest; else a new track "Clips" on top. Strips may touch the span.
+    Tracks of a linked file are passed over. The effect must have animation data."""
     data = effect.animation_data
-    for track in data.nla_tracks:
+    # Blender adds a track of another name, below, for a duplicated strip.
+    for track in sorted(data.nla_tracks, key=lambda track: not track.name.startswith(_TRACK)):
         if _is_of_library(effect, track):
             continue  # Blender saves no additions to a linked track
         if all(strip.frame_end <= start or strip.frame_start >= end for strip in track.strips):
             return track
     track = data.nla_tracks.new()
-    track.name = "Clips"
+    track.name = _TRACK
     return track
 
 

@@ -2,7 +2,8 @@
 """Colours of haptic samples on an avatar, after HFX Studio's previsualisation.
 
 Vibration red, pressure green, temperature blue, with opacity by strength; colours of overlapping
-effects combine (Danieau et al. 2018, section 3.3.2).
+effects combine in the paper's palette (Danieau et al. 2018, section 3.3.2). Sums of other palettes
+are none of their colours: the strongest sensation has its colour there.
 """
 
 from __future__ import annotations
@@ -88,13 +89,17 @@ def colour_name(sample: Sample, is_contact: bool) -> str:
 
 def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:
     """Colour and opacity (A, 4) in 0..1 from strengths (A,) by palette key; straight alpha. Opacity
-    is the largest strength, 0 without sensation."""
+    is the largest strength, 0 without sensation. Colours add up in the palette ``COLOURS``; in
+    others the strongest key has its colour, of equal strengths the first."""
     strengths_by_name = np.stack(list(shares.values()))
     opacity = strengths_by_name.max(axis=0)
-    # einsum, because a matrix product would start BLAS threads.
-    tint = np.einsum("ka,kc->ac", strengths_by_name, np.array([palette[name] for name in shares]))
-    colours = np.empty((len(opacity), 4))
-    # Divided by opacity: the strongest effect has its full colour.
-    colours[:, :3] = np.minimum(tint / np.where(opacity > 0.0, opacity, 1.0)[:, None], 1.0)
+    colours, table = np.empty((len(opacity), 4)), np.array([palette[name] for name in shares])
+    if palette is COLOURS:
+        # einsum, because a matrix product would start BLAS threads.
+        tint = np.einsum("ka,kc->ac", strengths_by_name, table)
+        # Divided by opacity: the strongest effect has its full colour.
+        colours[:, :3] = np.minimum(tint / np.where(opacity > 0.0, opacity, 1.0)[:, None], 1.0)
+    else:
+        colours[:, :3] = table[strengths_by_name.argmax(axis=0)]
     colours[:, 3] = np.minimum(opacity, 1.0)
     return colours

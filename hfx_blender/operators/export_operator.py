@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
@@ -262,7 +262,7 @@ def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None
     column.operator_menu_enum("hfx.live_add", "name", icon="ADD")
 
 
-def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
+def draw_written(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the last export: warnings, unfelt effects with reasons, times of felt effects, files,
     and buttons with cures."""
     layout = menu.layout
@@ -282,12 +282,11 @@ def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
             name, icon = fact["effect"], "CHECKMARK"
             if not fact["felt"]:
                 text, icon = f"{name}: not felt, as it {fact['reason']}", "X"
-            elif name in unplayed:
-                begin, end = fact["from_s"], fact["to_s"]
-                text = f"{name}: from {begin:.2f} to {end:.2f} s, but no chosen device plays it"
-                icon = "ERROR"
             else:
-                text = f"{name}: felt from {fact['from_s']:.2f} to {fact['to_s']:.2f} s"
+                times = translated(_times_of(context.scene, fact))
+                text = f"{name}: felt {times}"
+                if name in unplayed:
+                    text, icon = f"{name}: {times}, but no chosen device plays it", "ERROR"
             draw_wrapped(layout, printable(text), _POPUP_LINE, icon, _LINES)
         if len(facts) > _EFFECTS:
             layout.label(
@@ -298,6 +297,14 @@ def draw_written(menu: bpy.types.Menu, _context: bpy.types.Context) -> None:
         folder = str(report.folder)
         layout.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = folder
         layout.operator("hfx.show_report", icon="TEXT")
+
+
+def _times_of(scene: bpy.types.Scene, fact: Mapping[str, Any]) -> str:
+    """First and last second of a felt effect, and the number of its clips if several."""
+    effect = scene.objects.get(fact["effect"])
+    strips = [] if effect is None else [s for _, s in clips.strips_of(effect) if not s.mute]
+    times = f"from {fact['from_s']:.2f} to {fact['to_s']:.2f} s"
+    return f"{times}, in {len(strips)} clips" if len(strips) > 1 else times
 
 
 class HFX_OT_show_report(HfxOperator):

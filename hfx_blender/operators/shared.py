@@ -153,6 +153,17 @@ def _reporting_faults(method: Callable[..., set[str]]) -> Callable[..., set[str]
     return reporting
 
 
+def _is_editable(context: bpy.types.Context) -> bool:
+    effect = painted_effect(context) or active_effect(context)
+    return effect is None or not effects.is_locked(effect)
+
+
+IS_EDITABLE: Requirement = (
+    _is_editable,
+    "The effect belongs to a linked file. Press Make Editable first",
+)
+
+
 class OnBodyOperator(HfxOperator):
     """Base of operators that add an object to a haptic body."""
 

@@ -21,6 +21,8 @@ TAB = "HFX"
 
 _LEFT_SHARE = 0.4  # of the window's width, for clips and timeline
 _TIMELINE_SHARE = 0.34  # of the window's height: nine rows at 1280 x 720
+_TALL = 900  # window's height for a timeline below all, pixels at an interface scale of 1
+_LOW_SHARE = 0.18  # of the height, for that timeline: five rows
 _CLIPS_SHARE = 0.6  # of the remaining height
 _FROM_THE_FRONT = Quaternion((0.743, 0.646, 0.114, 0.131))  # a little from above and aside
 _AGAIN_S = 0.05
@@ -140,9 +142,10 @@ def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iter
     """Arrange the areas of a window once it shows a workspace; yields False before each step, as
     Blender updates the areas between two steps.
 
-    The viewport with the HFX tab has the full height, so that list, area and clips of an effect are
-    in view together. Left of it are, from the top, the Asset Browser with the sensations, the NLA
-    editor and the timeline. Ends early if the window is closed, or another file opened.
+    The viewport with the HFX tab is high, so that list, area and clips of an effect are in view
+    together. Left of it are the Asset Browser with the sensations and the NLA editor. The timeline
+    is below all, where its header has room for Blender's buttons; in a low window it is below the
+    NLA editor alone. Ends early if the window is closed, or another file opened.
     """
     global _is_arranging
     with suppress(ReferenceError):
@@ -155,9 +158,13 @@ def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iter
         # An area closes into a neighbour with a whole common edge: others close later.
         while any(_close(window, area) for area in areas if area != viewport):
             yield False
+        is_tall = window.height >= _TALL * bpy.context.preferences.system.ui_scale
+        if is_tall:
+            timeline, viewport = yield from _split(window, viewport, "HORIZONTAL", _LOW_SHARE)
         left, viewport = yield from _split(window, viewport, "VERTICAL", _LEFT_SHARE)
-        timeline, upper = yield from _split(window, left, "HORIZONTAL", _TIMELINE_SHARE)
-        clips, browser = yield from _split(window, upper, "HORIZONTAL", _CLIPS_SHARE)
+        if not is_tall:
+            timeline, left = yield from _split(window, left, "HORIZONTAL", _TIMELINE_SHARE)
+        clips, browser = yield from _split(window, left, "HORIZONTAL", _CLIPS_SHARE)
         viewport.spaces.active.show_region_ui = True
         viewport.spaces.active.show_region_tool_header = False  # room for the tab
         clips.type, timeline.ui_type, browser.ui_type = "NLA_EDITOR", "TIMELINE", "ASSETS"

@@ -7,6 +7,8 @@ header shows the next step from a haptic body to an exported effect.
 
 from __future__ import annotations
 
+from math import inf
+
 import bpy
 
 from ..authoring import clips, painting
@@ -16,6 +18,9 @@ from ..operators.effects.clip_operators import draw_clip_buttons
 from ..operators.shared import KeyBindings, active_armature, active_body, active_effect
 from ..playback.live.listening import properties_by_parameter
 from ..properties.objects import SHAPES
+
+_OWN_HEADER, _BUTTON = 900.0, 140.0
+"""Widths of the viewport's header in Object Mode, and of a button, at an interface scale of 1."""
 
 
 class HFX_MT_add(bpy.types.Menu):
@@ -205,19 +210,26 @@ def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> b
 def draw_header(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the button of the next step: *Finish Painting* during painting; once the scene has a
     body, *Paint an Effect* and the next step of the active effect (paint, transfer the area, add a
-    clip), and export last."""
+    clip), and export last. Blender's own buttons have priority: a narrow header has only the next
+    step, or none of the buttons, which the HFX tab has, too."""
     active, effect, layout = context.object, active_effect(context), self.layout.row()
-    # Drawn after the header's menus, where a narrow viewport has room, but as buttons.
+    # Background mode has no region.
+    width = inf if context.region is None else context.region.width
+    buttons = (width / (context.preferences.system.ui_scale or 1.0) - _OWN_HEADER) / _BUTTON
+    buttons = int(min(max(buttons, 0.0), 2.0))
+    # Drawn after the header's menus, but as buttons.
     layout.emboss = "NORMAL"
     layout.operator_context = "INVOKE_DEFAULT"
     if active is not None and active.get(painting.PAINTED_EFFECT) is not None:
-        layout.operator("hfx.paint_end", icon="CHECKMARK")
-        if not clips.strips_of(active[painting.PAINTED_EFFECT]):
+        if buttons:
+            layout.operator("hfx.paint_end", icon="CHECKMARK")
+        if buttons > 1 and not clips.strips_of(active[painting.PAINTED_EFFECT]):
             layout.operator("hfx.add_clip", text="Finish, Add Clip", icon="NLA")
         return
-    if not effects.bodies_of(context.scene) or draw_first_step(context, layout):
+    if not (buttons and effects.bodies_of(context.scene)) or draw_first_step(context, layout):
         return
-    draw_paint_menu(layout)
+    if buttons > 1 or effect is None:
+        draw_paint_menu(layout)
     if effect is None:
         return
     if effect.hfx.kind == "PAINTED" and not effects.area(effect)[0]:

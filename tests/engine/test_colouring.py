@@ -88,6 +88,16 @@ def test_colours_combine_where_effects_overlap() -> None:
     assert both[1].tolist() == pytest.approx(np.clip(mixed, 0.0, 1.0))
 
 
+@pytest.mark.parametrize("palette", ["WARM_COLD", "COLOUR_BLIND"])
+def test_the_strongest_of_overlapping_effects_has_its_colour(palette: str) -> None:
+    colours = colouring.PALETTES[palette]
+    shares = {"temperature": np.array([1.0, 0.2]), "wind": np.array([0.5, 0.8])}
+    assert colouring.overlay(shares, colours).tolist() == [
+        [*colours["temperature"], 1.0],
+        [*colours["wind"], 0.8],
+    ]
+
+
 def test_colours_stay_in_range() -> None:
     samples = [_sample(modality, 1e6, (0, 1)) for modality in MODALITIES]
     colours = _colours(*samples, *samples)

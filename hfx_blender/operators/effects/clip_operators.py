@@ -15,11 +15,11 @@ from ...blender.translation import translated
 from ...errors import InputError
 from ...text import shortened
 from .. import framing
-from ..shared import HfxOperator, active_effect, painted_effect
+from ..shared import IS_EDITABLE, HfxOperator, active_effect, painted_effect
 
 
 class _OfEffect(HfxOperator):
-    requires = ((active_effect, "Select a haptic effect"),)
+    requires = ((active_effect, "Select a haptic effect"), IS_EDITABLE)
 
 
 TIMES = {
@@ -85,6 +85,7 @@ class _ClipOperator(_OfEffect):
             lambda context: painted_effect(context) or active_effect(context),
             "Select a haptic effect",
         ),
+        IS_EDITABLE,
     )
     last_field: ClassVar[str]
     """Property of the subclass that the dialog shows last."""
@@ -239,6 +240,7 @@ class HFX_OT_copy_clips(_OfEffect):
     """Copy the clips of the active effect to the other selected effects"""
 
     bl_label = "Copy Clips to Selected"
+    requires = _OfEffect.requires[:1]
     adds_clips = True
 
     def work(self, context: bpy.types.Context) -> str:

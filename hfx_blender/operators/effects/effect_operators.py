@@ -12,12 +12,12 @@ from ...authoring.paths import vector_sensations
 from ...authoring.responses import KINDS
 from ...blender.scene_info import metres_of
 from ...engine.modality import MODALITIES, MODALITY_ITEMS
-from ...errors import InputError
 from ...export import response_baking
 from ...files import resources
 from ...properties.objects import SHAPES
 from ..live.connect_operators import device_items
 from ..shared import (
+    IS_EDITABLE,
     ON_MESH,
     HfxOperator,
     MenuOperator,
@@ -244,12 +244,10 @@ class HFX_OT_key_actuators(HfxOperator):
         min=-1.0,
         max=1.0,
     )
-    requires = ((active_vector, "Select a vector sensation"),)
+    requires = ((active_vector, "Select a vector sensation"), IS_EDITABLE)
 
     def work(self, context: bpy.types.Context) -> None:
         effect = active_vector(context)
-        if effect.library is not None:
-            raise InputError(f"'{effect.name}' is linked from another file.")
         for k, actuator in enumerate(effect.hfx.drive):
             if self.value >= 0.0:
                 actuator.value = self.value
@@ -257,7 +255,7 @@ class HFX_OT_key_actuators(HfxOperator):
 
 
 class _OnVolume(HfxOperator):
-    requires = ((active_volume, "Select a haptic volume"),)
+    requires = ((active_volume, "Select a haptic volume"), IS_EDITABLE)
 
 
 class _OnFilter(HfxOperator):
@@ -266,6 +264,7 @@ class _OnFilter(HfxOperator):
             lambda context: active_volume(context) and active_volume(context).hfx.response,
             "Add a filter first",
         ),
+        IS_EDITABLE,
     )
 
 

@@ -18,9 +18,11 @@ from ...engine.modality import MODALITY_ITEMS
 from ...errors import InputError
 from .. import framing
 from ..shared import (
+    IS_EDITABLE,
     EnumItems,
     HfxOperator,
     OnBodyOperator,
+    Requirement,
     kept_items,
     painted_effect,
     select_only,
@@ -40,10 +42,13 @@ BLENDS = (
 _BLEND_TIP = "Combination of the new area with the old area"
 
 
-class _PaintedOperator(HfxOperator):
-    """Base of operators on the active painted effect, during painting or not."""
+_ON_PAINTED: Requirement = painted_effect, "Select a painted effect"
 
-    requires = ((painted_effect, "Select a painted effect"),)
+
+class _PaintedOperator(HfxOperator):
+    """Base of operators that change the active painted effect, during painting or not."""
+
+    requires = (_ON_PAINTED, IS_EDITABLE)
 
 
 def _covers(effect: bpy.types.Object, count: int) -> str:
@@ -76,6 +81,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
         select_only(context, canvas, effect)
         if not bpy.app.background:
             paint_view.enter(context, canvas)
+            framing.frame(context, [canvas])
             bpy.ops.object.mode_set(mode="WEIGHT_PAINT")
             compat.set_brush_weight(context, 1.0)
             # Show weight 0 in blue: black, the default, would hide the body's shape.
@@ -236,6 +242,7 @@ class HFX_OT_save_area(_PaintedOperator):
     """
 
     bl_label = "Save Area"
+    requires = (_ON_PAINTED,)
     bl_options = {"REGISTER"}  # a file of the user's own; nothing of the scene changes
 
     name: StringProperty(
@@ -404,6 +411,7 @@ class HFX_OT_area_copy(_PaintedOperator):
     """Copy the area of the active effect to the other selected painted effects of any modality"""
 
     bl_label = "Copy Area to Selected"
+    requires = (_ON_PAINTED,)
 
     blend: EnumProperty(name="Blend", description=_BLEND_TIP, items=BLENDS)
 
@@ -437,6 +445,7 @@ class HFX_OT_area_keep(_PaintedOperator):
             ),
             "The area was painted for this modality",
         ),
+        IS_EDITABLE,
     )
 
     def work(self, context: bpy.types.Context) -> str:
@@ -448,6 +457,7 @@ class HFX_OT_effect_mirrored(_PaintedOperator):
     """Add a copy of the effect on the other side of the body, with the same clips"""
 
     bl_label = "Mirrored Copy"
+    requires = (_ON_PAINTED,)
 
     def work(self, context: bpy.types.Context) -> str:
         from ...engine.body import areas

@@ -42,8 +42,10 @@ _UNPAINTED = (0.3, 0.3, 0.35, 1.0)
 """Colour of weight 0."""
 
 _before: dict[int, tuple[list[dict[str, Any]], float]] = {}
-_browsers: set[int] = set()  # areas of Asset Browsers that show a picture
 """Views and opacity before painting, by the viewport's pointer; for as long as Blender runs."""
+
+_browsers: set[int] = set()  # pointers of Asset Browsers' areas that show a picture
+_halves: set[int] = set()  # pointers of Image Editors split from a viewport
 
 
 _own_range: list[tuple[float, tuple[float, ...]]] = []
@@ -91,8 +93,8 @@ def show(layers: Iterable[bpy.types.ViewLayer], hidden: set[str]) -> None:
 
 
 def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
-    """Save views and opacity of the viewport, make the colours paler, and frame the mesh; no effect
-    without a viewport."""
+    """Save views and opacity of the viewport, and make the colours paler; no effect without a
+    viewport."""
     area = framing.viewport(context)
     if area is None:
         return
@@ -101,12 +103,11 @@ def enter(context: bpy.types.Context, canvas: bpy.types.Object) -> None:
     overlay.weight_paint_mode_opacity = _OPACITY
     effect = canvas[painting.PAINTED_EFFECT]
     set_weight_colours(volumes.effect_colour(effect.hfx, context.scene.hfx.palette))
-    framing.frame(context, [canvas])
 
 
 def leave() -> None:
-    """Restore opacity and views from before painting, in all workspaces; a view turned during
-    painting stays."""
+    """Restore opacity and views from before painting, in all workspaces, and close the Image Editor
+    of *Paint in 2D*; a view turned during painting stays."""
     for screen in bpy.data.screens:  # includes other workspaces
         for area in screen.areas:
             view = _before.pop(area.as_pointer(), None)
@@ -115,7 +116,13 @@ def leave() -> None:
                 area.spaces.active.overlay.weight_paint_mode_opacity = view[1]
             if area.as_pointer() in _browsers and area.type == "IMAGE_EDITOR":
                 area.ui_type = "ASSETS"
+    for window in bpy.context.window_manager.windows:
+        for area in [a for a in window.screen.areas if a.as_pointer() in _halves]:
+            if area.type == "IMAGE_EDITOR":
+                with bpy.context.temp_override(window=window, area=area):
+                    bpy.ops.screen.area_close()
     _browsers.clear()
+    _halves.clear()
     _before.clear()
     set_weight_colours(None)
 
@@ -156,6 +163,7 @@ def show_picture(context: bpy.types.Context, image: bpy.types.Image) -> None:
             bpy.ops.screen.area_split(direction="VERTICAL", factor=0.5)
         areas = [context.screen.areas[-1]]
         areas[0].type = "IMAGE_EDITOR"
+        _halves.add(areas[0].as_pointer())
     for area in areas[:1]:
         space = area.spaces.active
         space.image, space.ui_mode = image, "PAINT"

@@ -22,7 +22,7 @@ from ...authoring.paths import paths, skin_picking
 from ...blender.translation import translated
 from ...errors import InputError
 from .. import framing
-from ..shared import HfxOperator
+from ..shared import IS_EDITABLE, HfxOperator
 from . import path_overlay
 from .path_operators import ON_SPOT, active_spot
 
@@ -77,7 +77,7 @@ class HFX_OT_draw_path(HfxOperator):
         name="Frame", description="First frame of a recording", options={"SKIP_SAVE"}
     )
 
-    requires = (ON_SPOT,)
+    requires = (ON_SPOT, IS_EDITABLE)
 
     def draw(self, _context: bpy.types.Context) -> None:
         if self.mode in ("STRAIGHT", "CURVE"):

@@ -25,6 +25,7 @@ from ...blender.scene_info import animation_fps, metres_of
 from ...engine.modality import MODALITY_ITEMS
 from ...files import kinds
 from ..shared import (
+    IS_EDITABLE,
     EnumItems,
     HfxOperator,
     ImportOperator,
@@ -69,6 +70,7 @@ class PathOperator(HfxOperator):
             lambda context: active_spot(context).get(paths.PATH),
             "Place the point, or draw its path first",
         ),
+        IS_EDITABLE,
     )
 
 
@@ -222,7 +224,7 @@ class HFX_OT_path_from_library(HfxOperator):
     """Give the point a ready path"""
 
     bl_label = "Path from Library"
-    requires = (ON_SPOT,)
+    requires = (ON_SPOT, IS_EDITABLE)
 
     name: EnumProperty(name="Path", items=_ready_paths)
 

@@ -86,9 +86,9 @@ def wires_of(effect: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> F32:
     return points[edges.ravel()]
 
 
-def legend(scene: bpy.types.Scene) -> list[tuple[str, Colour]]:
-    """Labels and colours of the modalities of a scene's effects, with the strength of the full
-    colour; a temperature has two, for warmth and cold."""
+def legend(scene: bpy.types.Scene) -> list[tuple[str, str, Colour]]:
+    """Labels of the modalities of a scene's effects, strengths of the full colours ("6 kPa") and
+    colours; a temperature has two, for warmth and cold."""
     from ...engine.colouring import COLD, PALETTES
 
     palette = PALETTES[scene.hfx.palette]
@@ -97,9 +97,10 @@ def legend(scene: bpy.types.Scene) -> list[tuple[str, Colour]]:
     for name, modality in MODALITIES.items():
         full = f"{modality.full_colour:g} {modality.strength_parameter.symbol}"
         if name in present and modality.is_silent_at_0:
-            entries.append((f"{translated(modality.title)} {full}", palette[name]))
+            entries.append((translated(modality.title), full, palette[name]))
         elif name in present:
-            entries += [(f"Warm +{full}", palette[name]), (f"Cold -{full}", palette[COLD])]
+            entries.append((translated("Warm"), f"+{full}", palette[name]))
+            entries.append((translated("Cold"), f"-{full}", palette[COLD]))
     return entries
 
 
@@ -133,8 +134,9 @@ def _draw_in_scene() -> None:
 
 
 def _draw_legend() -> None:
-    """Draw the legend of a visible preview at the lower right, in the first view of a quad view;
-    none below the chart of values over time."""
+    """Draw the legend of a visible preview at the lower right, in the first view of a quad view:
+    for each modality a scale of colours from 0 to the full colour. None below the chart of values
+    over time."""
     import blf
     import gpu
     from gpu_extras.batch import batch_for_shader
@@ -145,7 +147,7 @@ def _draw_legend() -> None:
     is_first = context.region == next(r for r in context.area.regions if r.type == "WINDOW")
     if not (is_first and manager.hfx_preview and context.space_data.overlay.show_overlays):
         return
-    entries = [(translated(label), colour) for label, colour in legend(context.scene)]
+    entries = legend(context.scene)
     if not entries or manager.hfx_show_values:
         return
     scale = context.preferences.system.ui_scale
@@ -155,9 +157,9 @@ def _draw_legend() -> None:
     # An open asset shelf lies over the lower edge.
     shelf = [part for part in context.area.regions if part.type.startswith("ASSET_SHELF")]
     bottom = drawing.MARGIN + sum(part.height for part in shelf if part.height > 1)
-    left = right - max(blf.dimensions(0, label)[0] for label, _ in entries)
+    left = right - max(blf.dimensions(0, full)[0] for _, full, _ in entries)
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    for number, (label, colour) in enumerate(reversed(entries)):
+    for number, (label, full, colour) in enumerate(reversed(entries)):
         low = bottom + number * row
         high, start = low + 0.6 * row, left - bar - 0.4 * row
         corners = [(start, low), (start + bar, low), (start, high), (start + bar, high)]
@@ -165,8 +167,11 @@ def _draw_legend() -> None:
         with drawing.card_state():
             batch_for_shader(shader, "TRI_STRIP", content).draw(shader)
         blf.color(0, *drawing.TEXT)
-        blf.position(0, left, low, 0)
-        blf.draw(0, label)
+        # "0" shows that the number is the end of a scale, and no value of an effect.
+        name = f"{label}  0"
+        for x, text in ((start - 0.3 * row - blf.dimensions(0, name)[0], name), (left, full)):
+            blf.position(0, x, low, 0)
+            blf.draw(0, text)
 
 
 _handles: list[object] = []

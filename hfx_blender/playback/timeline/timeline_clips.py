@@ -139,10 +139,12 @@ def _draw_rows(context: bpy.types.Context, rows: Iterable[Row]) -> None:
     blf.color(0, 1.0, 1.0, 1.0, 1.0)
     blf.enable(0, blf.SHADOW)
     blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.8)
-    for name, left, low, right, tall in names:
+    ends: dict[float, float] = {}  # of the names written in a row, by its lower end
+    for name, left, low, right, tall in sorted(names, key=lambda entry: entry[1]):
         x = max(left, 0.0) + 3.0 * scale
-        if tall >= _TEXT_ROW * scale:
+        if tall >= _TEXT_ROW * scale and x >= ends.get(low, 0.0):
             write(name, x, low + 0.3 * tall, right - x)
+            ends[low] = min(right, x + blf.dimensions(0, name)[0])
     blf.disable(0, blf.SHADOW)
 
 

@@ -106,6 +106,12 @@ class HFX_PT_effect_presets(_Presets, PresetPanel, bpy.types.Panel):
     preset_operator = "script.execute_preset"
     preset_add_operator = "hfx.effect_preset"
 
+    def draw(self, context: bpy.types.Context) -> None:
+        # Blender would show "* Missing Paths *" before the first preset.
+        folder = f"presets/{self.preset_subdir}"
+        bpy.utils.user_resource("SCRIPTS", path=folder, create=True)
+        super().draw(context)
+
     @staticmethod
     def post_cb(_context: bpy.types.Context, _file: str) -> None:
         """Push an undo step, which Blender's operator of presets does not."""

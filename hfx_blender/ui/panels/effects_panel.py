@@ -126,7 +126,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
     def draw_header_preset(self, context: bpy.types.Context) -> None:
         row = self.layout.row(align=True)
         row.scale_y = 0.9
-        row.prop(context.scene.hfx, "time_unit", expand=True)
+        row.prop(context.scene.hfx, "time_unit", text="")  # as buttons too wide for the title
         row.separator()
 
     def draw(self, context: bpy.types.Context) -> None:

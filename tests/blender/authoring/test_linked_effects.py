@@ -108,6 +108,7 @@ def test_an_override_has_values_and_clips_of_its_own_and_survives_saving(
     scene.frame_set(30)
     assert effects.is_locked(ours), "as Library Override > Make leaves it"
     assert bpy.ops.hfx.make_editable() == {"FINISHED"}
+    assert bpy.ops.hfx.add_clip.poll()
     assert not bpy.ops.hfx.make_editable.poll()
     assert bpy.ops.hfx.add_clip() == {"FINISHED"}
     ours.hfx.radius = 0.15
@@ -140,6 +141,8 @@ def test_a_linked_effect_is_locked_until_it_is_made_editable(library: Path, is_a
     bpy.context.view_layer.objects.active = linked
     linked.select_set(True)
     assert effects.is_locked(linked)
+    for operator in (bpy.ops.hfx.add_clip, bpy.ops.hfx.add_heartbeat, bpy.ops.hfx.remove_clip):
+        assert not operator.poll()
     with pytest.raises(RuntimeError, match="linked file"):
         bpy.ops.hfx.remove_effects()
     assert bpy.ops.hfx.make_editable() == {"FINISHED"}

@@ -103,8 +103,8 @@ def test_a_legend_names_the_modalities_of_the_scene(scene: Any) -> None:
     assert effect_overlay.legend(scene) == []
     volume("wind")
     volume("temperature")
-    labels = [label for label, _ in effect_overlay.legend(scene)]
-    assert labels == ["Warm +6 °C", "Cold -6 °C", "Wind 6 m/s"]
+    scales = [(label, full) for label, full, _ in effect_overlay.legend(scene)]
+    assert scales == [("Warm", "+6 °C"), ("Cold", "-6 °C"), ("Wind", "6 m/s")]
 
 
 def test_a_new_scene_shows_fire_warm_and_ice_cold(scene: Any) -> None:
@@ -112,7 +112,7 @@ def test_a_new_scene_shows_fire_warm_and_ice_cold(scene: Any) -> None:
     fire = volume("temperature")
     red, _, blue = fire.color[:3]
     assert fire.hfx.temperature == 30.0 and red > blue
-    (_, warm), (_, cold) = effect_overlay.legend(scene)
+    (*_, warm), (*_, cold) = effect_overlay.legend(scene)
     assert tuple(fire.color[:3]) == pytest.approx(warm)
     fire.hfx.temperature_reference = "CONTACT"  # a touched object of 30 degrees is cold
     fire.hfx.temperature = 30.0

@@ -759,6 +759,18 @@ class _Layout:
         pass
 
 
+def test_the_popup_counts_the_clips_of_an_effect(touch: Any, tmp_path: Path) -> None:
+    from hfx_blender.operators import export_operator
+
+    _clip(bpy.data.objects["Ball"], 0.0, 4.0, "One")
+    _clip(bpy.data.objects["Ball"], 8.0, 10.0, "Two")
+    bpy.ops.hfx.export(filepath=str(tmp_path / "scene.hfxtrack"), formats={"track"})
+    layout = _Layout()
+    export_operator.draw_written(type("Menu", (), {"layout": layout})(), bpy.context)
+    (line,) = [text for text in layout.drawn if text.startswith("CHECKMARK Ball")]
+    assert line.endswith(", in 2 clips")
+
+
 def test_the_popup_lists_warnings_first(touch: Any, tmp_path: Path) -> None:
     from hfx_blender.operators import export_operator
 

@@ -280,6 +280,22 @@ def test_the_panel_of_a_painted_effect_and_while_it_is_painted(scene: Any) -> No
     assert drawn(menus.draw_header, bpy.context) == ["hfx.paint_end", "hfx.add_clip"]
 
 
+@pytest.mark.parametrize(("width", "shown"), [(1400, 2), (1050, 1), (950, 0)])
+def test_buttons_in_a_narrow_header_yield_to_those_of_blender(
+    scene: Any, monkeypatch: pytest.MonkeyPatch, width: int, shown: int
+) -> None:
+    bpy.ops.hfx.add_avatar()
+    bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE")
+    scale = bpy.context.preferences.system.ui_scale or 1.0
+    context = SimpleNamespace(
+        object=bpy.context.object,
+        scene=scene,
+        preferences=bpy.context.preferences,
+        region=SimpleNamespace(width=width * scale),
+    )
+    assert drawn(menus.draw_header, context) == ["hfx.add_painted", "hfx.add_clip"][2 - shown :]
+
+
 def test_the_list_of_effects_and_the_clips_of_the_active_one(scene: Any) -> None:
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name="Gust")

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""After *Shift+D* of a clip, further clips go to the effect's own NLA track."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import hands
+
+
+def steps(h: Any) -> Iterator[float]:
+    yield from hands.empty_scene(h)
+    bpy.context.scene.frame_end = 160
+    with h.context():
+        bpy.ops.hfx.add_avatar()
+        bpy.ops.hfx.add_volume(modality="pressure", shape="SPHERE", name="Ball")
+        bpy.ops.hfx.add_clip(start=10.0)
+    area = h.area()
+    area.ui_type = "NLA_EDITOR"
+    yield 1.5
+    area.spaces.active.show_region_ui = False
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with bpy.context.temp_override(window=h.window, area=area, region=region):
+        bpy.ops.nla.view_all()
+    yield 1.0
+    x, y = region.x + 400, h.window.height - region.y - 300
+    yield from h.move(x, y)
+    yield from h.key("shift+d")
+    yield 0.5
+    for step in range(1, 9):
+        yield from h.move(x + 40 * step, y)
+        yield 0.1
+    yield from h.click(x + 320, y)
+    yield 0.7
+    tracks = bpy.data.objects["Ball"].animation_data.nla_tracks
+    h.check(len(tracks) == 2, "Blender duplicates a clip onto a new track")
+    with h.context("NLA_EDITOR"):
+        bpy.ops.hfx.add_clip(start=70.0)
+        bpy.ops.hfx.add_heartbeat(start=120.0)
+    yield 1.0
+    h.shot("1_tracks.png")
+    tracks = bpy.data.objects["Ball"].animation_data.nla_tracks
+    own = [len(track.strips) for track in tracks if track.name == "Clips"]
+    h.check(own == [3], f"later clips are on the effect's own track: {own}")
