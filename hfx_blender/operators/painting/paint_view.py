@@ -116,15 +116,20 @@ def leave() -> None:
                 area.spaces.active.overlay.weight_paint_mode_opacity = view[1]
             if area.as_pointer() in _browsers and area.type == "IMAGE_EDITOR":
                 area.ui_type = "ASSETS"
+    call_soon(_close_halves)  # later: the running operator needs the screen's context
+    _browsers.clear()
+    _before.clear()
+    set_weight_colours(None)
+
+
+def _close_halves() -> None:
+    """Close the Image Editors split from viewports, as far as they still are Image Editors."""
     for window in bpy.context.window_manager.windows:
-        for area in [a for a in window.screen.areas if a.as_pointer() in _halves]:
+        for area in [half for half in window.screen.areas if half.as_pointer() in _halves]:
             if area.type == "IMAGE_EDITOR":
                 with bpy.context.temp_override(window=window, area=area):
                     bpy.ops.screen.area_close()
-    _browsers.clear()
     _halves.clear()
-    _before.clear()
-    set_weight_colours(None)
 
 
 def set_weight_colours(colour: tuple[float, ...] | None) -> None:
