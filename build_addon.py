@@ -108,7 +108,7 @@ def build_for(
     for python in pythons:
         wheel_names = addon_wheels.select(lock, distributions, name, python)
         for distribution in sorted(distributions - set(wheel_names)):
-            _say(f"{name}, Python {python}: there is no wheel of {distribution}, built without")
+            say(f"{name}, Python {python}: there is no wheel of {distribution}, built without")
         for wheel in wheel_names.values():
             path = addon_wheels.named_for(addon_wheels.fetch(wheel, lock[wheel], cache), name)
             chosen[path.name] = path
@@ -157,7 +157,7 @@ def this_platform() -> str:
     return f"{systems.get(system, system)}-{machines.get(machine, machine)}"
 
 
-def _say(line: str) -> None:
+def say(line: str) -> None:
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
 
@@ -202,13 +202,13 @@ def main() -> int:
     names = sorted(set(arguments.platform or [this_platform()]))
     names = list(PLATFORMS) if "all" in names else names
     if not arguments.no_wheels and not arguments.lock and set(names) - set(PLATFORMS):
-        _say(f"There are no wheels for {names[0]}: name a --platform, or build with --no-wheels.")
+        say(f"There are no wheels for {names[0]}: name a --platform, or build with --no-wheels.")
         return 2
     try:
         if arguments.lock:
-            addon_wheels.lock(addon_wheels.VERSIONS, arguments.wheels, _say)
+            addon_wheels.lock(addon_wheels.VERSIONS, arguments.wheels, say)
             return 0
-        zig = None if arguments.without_native else native_build.fetched_compiler(_say)
+        zig = None if arguments.without_native else native_build.fetched_compiler(say)
         if arguments.no_wheels:
             built = [build_small(arguments.output, arguments.wheels, zig)]
         else:
@@ -232,7 +232,7 @@ def main() -> int:
         )
         return 3
     for target in built:
-        _say(f"{target} ({target.stat().st_size / 1e6:.1f} MB)")
+        say(f"{target} ({target.stat().st_size / 1e6:.1f} MB)")
     return 0
 
 

@@ -3,7 +3,7 @@
 
 Makes an environment for each module ``bpy`` with the NumPy of that Blender, and runs the demo. The
 files of devices must equal those of the first version to the byte. ``--suite`` runs the tests, too.
-Writes the table of ``docs/install.md`` if no ``--version`` is chosen.
+Writes the table of ``README.md`` if no ``--version`` is chosen.
 """
 
 from __future__ import annotations
@@ -19,18 +19,35 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+if not __package__:  # run as a program
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import build_addon
+
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "install.md"
+PAGE = ROOT / "README.md"
 _TABLE = re.compile(r"(?<=<!-- blender range -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
 class Version(NamedTuple):
-    """Blender as a Python module."""
+    """Versions of a test environment: PyPI's module ``bpy`` and the packages beside the module.
+
+    Attributes
+    ----------
+    bpy : str
+        Release of Blender, three numbers.
+    python : str
+        Python of the release, two numbers.
+    numpy : str
+        NumPy inside blender.org's Blender of the release.
+    scipy : str
+        SciPy in the extension's zip for this NumPy (``addon_wheels.VERSIONS``).
+    """
 
     bpy: str
     python: str
-    numpy: str  # of blender.org's Blender
-    scipy: str  # as in release/addon_wheels.py
+    numpy: str
+    scipy: str
 
 
 VERSIONS = (
@@ -81,7 +98,7 @@ def main() -> int:
             demo = f"{len(files)} files, equal" if not differing else f"differs: {differing}"
             summary = suite(python) if options.suite else ""
             results[version] = Result(demo, summary)
-            _say(f"Blender {version.bpy}: demo {demo}; {summary or 'tests did not run'}")
+            build_addon.say(f"Blender {version.bpy}: demo {demo}; {summary or 'tests did not run'}")
     if not options.version:
         text = PAGE.read_text(encoding="utf-8")
         PAGE.write_text(_TABLE.sub(lambda _: table(results), text), encoding="utf-8")
@@ -120,7 +137,7 @@ def suite(python: Path) -> str:
     lines = done.stdout.strip().splitlines()
     for line in lines:
         if line.startswith(("FAILED", "ERROR")):
-            _say(line)
+            build_addon.say(line)
     return re.sub(r" in [\d.]+s.*", "", lines[-1]).strip("= ") if lines else "no output"
 
 
@@ -135,11 +152,6 @@ def table(results: dict[Version, Result]) -> str:
 
 def _numbers(version: str) -> Sequence[int]:
     return [int(part) for part in version.split(".")]
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

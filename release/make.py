@@ -61,9 +61,9 @@ def main() -> int:
         for part in options.part or PARTS:
             shutil.rmtree(output / part, ignore_errors=True)
             for path in builders[part](output / part):
-                _say(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
+                build_addon.say(f"{path} ({path.stat().st_size / 1e6:.1f} MB)")
         if options.site:
-            _say(str(site(output / "site")))
+            build_addon.say(str(site(output / "site")))
         summaries(output)
     except (addon_wheels.WheelError, native_build.BuildError) as error:
         sys.stderr.write(f"{error}\n")
@@ -96,7 +96,7 @@ def _hatchling(target: str, folder: Path, **environment: str) -> None:
 
 def extensions(folder: Path) -> list[Path]:
     """Build the extension for each platform and the small extension; returns their paths."""
-    zig = native_build.fetched_compiler(_say)
+    zig = native_build.fetched_compiler(build_addon.say)
     cache = build_addon.WHEELS
     zips = [
         build_addon.build_for(platform, addon_wheels.default_pythons(platform), folder, cache, zig)
@@ -173,11 +173,6 @@ def _write(path: Path, text: str) -> None:
 
 def _run(*command: str | Path) -> None:
     subprocess.run([str(part) for part in command], cwd=ROOT, check=True)
-
-
-def _say(line: str) -> None:
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":
