@@ -15,7 +15,7 @@ import hands
 
 DEVICE = "back_pad"  # vibrates, and answers 20 ms late
 LAST, CLIP = 12, 6  # frames
-BELOW = -3  # the panels of values, sound and video are below
+BELOW = -4  # the panels of input, values, sound and video are below
 
 
 def steps(h: Any) -> Iterator[float]:
