@@ -10,7 +10,7 @@ import bpy
 import hands
 
 VECTOR_ROW = hands.POINT_ROW + 1  # of Add > Haptic
-BELOW = -3  # the panels of values, sound and video are below
+BELOW = -4  # the panels of input, values, sound and video are below
 
 
 def steps(h: Any) -> Iterator[float]:

@@ -17,7 +17,7 @@ import bpy
 import hands
 
 DEVICE = "arduino_uno_pwm"
-BELOW = -3  # the panels of values, sound and video are below
+BELOW = -4  # the panels of input, values, sound and video are below
 
 
 class Board:

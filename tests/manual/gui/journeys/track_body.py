@@ -33,6 +33,7 @@ def steps(h: Any) -> Iterator[float]:
         bpy.ops.hfx.fill_part(part="torso", side="both")
     body = next(obj for obj in bpy.data.objects if obj.type == "ARMATURE")
     effect = hands.effect("vibration")
+    bpy.context.view_layer.objects.active = None  # panels of the effect would take the place
     h.undo_push()
     yield 1.0
     panels = yield from h.panels(h.region("UI"))
