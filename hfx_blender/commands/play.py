@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import secrets
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +27,13 @@ if TYPE_CHECKING:
     Targets = dict[str, tuple[DeviceConfig, DeviceScript | None]]
 
 _TOKEN: Final = "HFX_TOKEN"
-_KINDS: Final = {"device": "DEVICE", "sound-card": "AUDIO", "simulator": "SIMULATOR", "log": "CSV"}
+_KINDS: Final = {
+    "device": "DEVICE",
+    "sound-card": "AUDIO",
+    "simulator": "SIMULATOR",
+    "log": "CSV",
+    "page": "PAGE",
+}
 
 
 def add_parser(commands: Any) -> None:
@@ -87,10 +94,18 @@ def add_parser(commands: Any) -> None:
         "port, or MIDI time code of an input (docs/following-time.md)",
     )
     parser.add_argument(
+        "--page",
+        dest="to",
+        action="store_const",
+        const="page",
+        help="short for --to page: a web page that vibrates a phone or gamepad",
+    )
+    parser.add_argument(
         "--listen-on",
         default="127.0.0.1",
         metavar="ADDRESS",
-        help="own address of --follow (default: 127.0.0.1, this computer only)",
+        help="own address of --follow and --page (default: 127.0.0.1, this computer only; for a "
+        "phone the address of this computer in the local network)",
     )
     add_json(parser, run)
 
@@ -101,6 +116,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..devices.live import live_settings
     from ..devices.live.client import LiveClient
     from ..devices.live.track_playback import fault_of, play
+    from ..devices.transports.page_output import PORT as PAGE_PORT
     from ..files import resources
 
     # With --json standard output holds nothing but the result.
@@ -140,10 +156,18 @@ def run(options: argparse.Namespace, console: Console) -> int:
         offset_ms = 0.0
         for name, (device, script) in targets.items():
             settings = _settings(name, options)
+            target = live_settings.target_of(device, settings)
+            if settings.kind == "PAGE":
+                target = {**target, "code": f"{secrets.randbelow(10**6):06d}", "waits": True}
+                target["port"] = int(options.port or PAGE_PORT)
+                write_note(
+                    f"Open http://{target['host']}:{target['port']} on the phone and type "
+                    f"{target['code']}; playback begins then"
+                )
             client.connect(
                 name,
                 Path(name).absolute() if is_file(name) else name,
-                live_settings.target_of(device, settings),
+                target,
                 folder=resources.user_devices(),
                 script=None if script is None else script.as_request(),
                 offset_ms=settings.offset_ms,
@@ -179,6 +203,10 @@ def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
     addresses = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
     if options.to == "log" and options.path is None:
         raise UsageError("--to log: give the file with --path")
+    if options.to == "page" and options.port and not options.port.isdecimal():
+        raise UsageError(f"--port {options.port[:20]}: expected a network port")
+    if options.to == "page" and len(names) > 1:
+        raise UsageError("--page is of one device; give one --device")
     if len(names) > 1 and addresses:
         raise UsageError(f"--{addresses[0]} is of one device; give one --device")
 
@@ -260,6 +288,8 @@ def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
     kind = _KINDS[options.to]
     if known.kind != kind:
         known = live_settings.LiveSettings(offset_ms=known.offset_ms)
+    if kind == "PAGE":
+        return live_settings.LiveSettings(kind, host=options.listen_on, offset_ms=known.offset_ms)
     return replace(
         known,
         kind=kind,

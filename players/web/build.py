@@ -20,6 +20,7 @@ import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+PHONE_PAGE = HERE.parents[1] / "hfx_blender" / "devices" / "transports" / "phone_page.html"
 MODULES = ("core", "clip", "player", "bones", "body", "surface", "outputs", "loop")  # as imported
 SAMPLES = {"garage": "addons/hfx/samples/garage.hfxclip", "board": "board/board.hfxclip"}
 EXPORTS = """
@@ -37,6 +38,8 @@ LINKING = "-fvisibility=hidden -s -Wl,--export-dynamic -Wl,--export=__heap_base"
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / "dist"
     write(folder, package(compiled()))
+    if len(sys.argv) == 1:
+        PHONE_PAGE.write_text(phone_page(), encoding="utf-8", newline="\n")
     sys.stdout.write(f"{folder}: hfx.js, {', '.join(f'{name}.html' for name in SAMPLES)}\n")
 
 
@@ -47,6 +50,13 @@ def write(folder: Path, script: str) -> None:
     for name in SAMPLES:
         text = page(name, script)
         (folder / f"{name}.html").write_text(text, encoding="utf-8", newline="\n")
+
+
+def phone_page() -> str:
+    """Text of the page that ``hfx play --page`` serves: ``phone.html`` with the outputs in it."""
+    outputs = (HERE / "src" / "outputs.js").read_text(encoding="utf-8")
+    outputs = re.sub(r"^export ", "", outputs, flags=re.MULTILINE)
+    return (HERE / "phone.html").read_text(encoding="utf-8").replace("/* outputs */", outputs)
 
 
 def fingerprint() -> str:

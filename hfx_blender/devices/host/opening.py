@@ -25,7 +25,7 @@ from ..transports.serial_port import SerialFrames, SerialPort
 from .encoders import FrameEncoder
 from .output import Output, OutputLostError
 
-KINDS: Final = ("serial", "udp", "websocket", "csv", "audio")
+KINDS: Final = ("serial", "udp", "websocket", "csv", "audio", "page")
 
 
 def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
@@ -36,6 +36,8 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     - ``simulator``: optional ``path`` of a log. For all devices.
     - ``csv``: ``path`` of a new log. For all devices.
     - ``audio``: optional ``interface`` and ``first_channel``. For devices that vibrate.
+    - ``page``: ``host``, the own address of the page; optional ``port``, ``code`` and ``waits``.
+      For devices that vibrate.
     - ``serial``: ``port``.
     - ``udp``, ``websocket``: optional ``host`` and ``port``, by default as configured;
       ``unit`` chooses among several devices of a server.
@@ -58,6 +60,14 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
         if isinstance(first, bool) or not isinstance(first, int) or not 1 <= first <= 1000:
             raise OutputLostError(f"'{str(first)[:20]}' is no channel; allowed is 1 to 1000.")
         return SoundCard(device, interface, first)
+    if kind == "page":
+        from ..transports.page_output import PageOutput
+
+        port = target.get("port")
+        if port is not None and (type(port) is not int or not 0 <= port <= 65535):
+            raise OutputLostError(f"'{str(port)[:20]}' is no port; allowed is 0 to 65535.")
+        host, code = str(target.get("host", "127.0.0.1")), str(target.get("code", ""))
+        return PageOutput(device, host, port, code, waits=bool(target.get("waits")))
     if kind not in KINDS:
         raise OutputLostError(f"'{kind}' is not a kind of output; there are: {', '.join(KINDS)}.")
     if kind != kind_of(device):

@@ -31,7 +31,7 @@ LEAST_LATENCY_MS: Final = 5.0
 class LiveSettings:
     """Connection settings of a device."""
 
-    kind: str = "SIMULATOR"  # or DEVICE, AUDIO, CSV
+    kind: str = "SIMULATOR"  # or DEVICE, AUDIO, CSV, PAGE
     port: str = ""  # serial port, "": by USB ids; network port, "": as configured; sound card
     host: str = ""  # "": as configured
     path: str = ""  # of a log
@@ -117,6 +117,8 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
         return {"kind": "csv", "path": str(Path(settings.path))}
     if settings.kind == "AUDIO":
         return {"kind": "audio", "interface": settings.port}
+    if settings.kind == "PAGE":
+        return {"kind": "page", "host": settings.host or "127.0.0.1"}
     kind = opening.kind_of(device)
     if kind is None:
         raise DeviceError(
