@@ -31,6 +31,11 @@ REACHES = (
 )
 """Addresses to listen on."""
 
+SOURCES = (
+    ("VMC", "VMC", "A program that sends the VMC protocol"),
+    ("VR", "VR Session", "Head and hands of Blender's VR session, started afterwards"),
+)
+
 
 def input_settings() -> dict[str, Any]:
     """Stored ports and addresses by the name of an operator's field; empty without a valid file."""
@@ -84,6 +89,7 @@ class HFX_OT_track_body(_Receiving):
     settings = "vmc"
     requires = ((lambda context: body_to_track(context), "Add a haptic body first"),)
 
+    source: EnumProperty(name="Source", description="Origin of the poses", items=SOURCES)
     port: IntProperty(
         name="Port",
         description="Port of the VMC protocol, to which a tracking program sends",
@@ -94,13 +100,27 @@ class HFX_OT_track_body(_Receiving):
 
     def work(self, context: bpy.types.Context) -> str:
         from ...playback.live.vmc_source import VmcSource
+        from ...playback.live.vr_source import VrSource, create_actions_with_session
 
         body = body_to_track(context)
         if body is None:
             raise InputError("Add a haptic body first")
+        if self.source == "VR":
+            create_actions_with_session()
+            body_tracking.start(body, VrSource())
+            return f"'{body.name}' follows the VR session"
         body_tracking.start(body, VmcSource(self.address, self.port))
         self.store()
         return f"'{body.name}' follows port {self.port}"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        column = self.layout.column()
+        column.use_property_split = True
+        column.prop(self, "source")
+        column = column.column()
+        column.enabled = self.source == "VMC"
+        column.prop(self, "port")
+        column.prop(self, "address")
 
 
 class _OfBody(HfxOperator):

@@ -25,6 +25,7 @@ from ...reading.stepped import stepping
 from .listening import listening
 from .live import live
 from .live_handlers import is_playing
+from .vr_source import create_actions
 
 STEP_S: Final = 1.0 / 60.0
 LOST_S: Final = 0.5
@@ -219,3 +220,4 @@ def unregister() -> None:
     listening.stop()
     body_tracking.stop_all()
     remove_handlers(_HANDLERS)
+    remove_handlers({"xr_session_start_pre": create_actions})
