@@ -175,6 +175,7 @@ class Listening:
         evaluation.overrides.update(overrides)
         evaluation.invalidate()
         preview.invalidate()
+        redraw("VIEW_3D")  # colours, and the newest values in the panel
         live.resend(scene)
 
     def record(self) -> None:

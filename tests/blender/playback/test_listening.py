@@ -70,6 +70,13 @@ def levels() -> list[tuple[float, float]]:
     return [(float(r.levels[0]), float(r.parameters[0, 0])) for r in evaluation.runs()]
 
 
+def test_values_are_shown_at_once(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[str] = []
+    monkeypatch.setattr("hfx_blender.playback.live.listening.redraw", drawn.append)
+    send(port, "/hfx/effect/Rain%20Drops/intensity", 0.25)
+    until(lambda: drawn == ["VIEW_3D"])
+
+
 def test_values_replace_those_of_the_scene_without_a_change_of_the_file(port: int) -> None:
     effect = bpy.context.object
     assert levels() == [(1.0, 5.0)]
