@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from ..engine.body.model import PerceptualModel
 
 
-GROUP = "hfx"
+_GROUP = "hfx_group"
+"""ID property of a canvas: name of the vertex group, which headers show: that of the effect."""
+
 PAINTED_EFFECT = "hfx_painted_effect"
 """ID property of a canvas, its mesh and shape keys: the painted effect."""
 
@@ -53,7 +55,8 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
     model_mesh.freeze_pose(context, canvas)
     for owner in (canvas, canvas.data, canvas.data.shape_keys):
         owner[PAINTED_EFFECT] = effect
-    canvas.vertex_groups.active = canvas.vertex_groups.new(name=GROUP)
+    canvas.vertex_groups.active = canvas.vertex_groups.new(name=effect.name)
+    canvas[_GROUP] = canvas.vertex_groups.active.name
     canvas.data.use_mirror_x = False
     _write_group(canvas, painted)
     return canvas
@@ -227,11 +230,15 @@ def part_flags(model: PerceptualModel, parts: Iterable[str], side: str = "both")
     return is_inside
 
 
+def _group_name(canvas: bpy.types.Object) -> str:
+    return str(canvas.get(_GROUP, "hfx"))  # the name in files of earlier versions
+
+
 def _edited_message(canvas: bpy.types.Object, size: int) -> str:
     """Message about a canvas without its vertex group, or with another number of vertices."""
     return (
         f"'{canvas.name}' was edited: it must keep its {size} vertices and the vertex group "
-        f"'{GROUP}'. Undo that, or delete it and paint again."
+        f"'{_group_name(canvas)}'. Undo that, or delete it and paint again."
     )
 
 
@@ -242,9 +249,9 @@ def _read_group(effect: bpy.types.Object, canvas: bpy.types.Object) -> F64:
     size = len(effects.model_of(effect))
     canvas.update_from_editmode()
     # Vertex numbers identify skin only while the mesh has the model's vertices.
-    if GROUP not in canvas.vertex_groups or len(canvas.data.vertices) != size:
+    if _group_name(canvas) not in canvas.vertex_groups or len(canvas.data.vertices) != size:
         raise InputError(_edited_message(canvas, size))
-    group = canvas.vertex_groups[GROUP].index
+    group = canvas.vertex_groups[_group_name(canvas)].index
     weights = np.zeros(size)
     # Vertex groups are sparse, and foreach_get cannot read them.
     for vertex in canvas.data.vertices:
@@ -339,7 +346,7 @@ def _areas_of(document: Node) -> dict[str, Any]:
 
 def _write_group(canvas: bpy.types.Object, weights: F64) -> None:
     """Replace the painted weights of a canvas by ``weights`` (V,), in any mode; 0: no weight."""
-    group = canvas.vertex_groups[GROUP].index
+    group = canvas.vertex_groups[_group_name(canvas)].index
     # Edit Mode has a separate mesh; writing to the stored mesh would be lost.
     in_edit_mode = canvas.mode == "EDIT"
     mesh = bmesh.from_edit_mesh(canvas.data) if in_edit_mode else bmesh.new()

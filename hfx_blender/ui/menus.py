@@ -110,6 +110,7 @@ class HFX_MT_object(bpy.types.Menu):
             layout.prop(effect.hfx, "is_muted")
             layout.prop(effect.hfx, "is_solo")
             layout.separator()
+            layout.operator_menu_enum("hfx.move_to_group", "group", icon="GROUP")
             layout.operator("hfx.copy_effects", icon="COPYDOWN")
             layout.operator("hfx.save_effects", icon="EXPORT")
             layout.menu("HFX_MT_copy_address")

@@ -132,7 +132,8 @@ def _groups() -> EnumItems:
 
 
 class HFX_OT_move_to_group(_SelectedEffects):
-    """Move the selected effects to a group with a common gain, mute and start"""
+    """Move the selected effects to a group with a common gain, mute and start. Select them by the
+    dots of the list or with Shift; the menu is below the minus beside the list"""
 
     bl_label = "Move to Group"
 

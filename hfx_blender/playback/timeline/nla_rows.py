@@ -20,7 +20,7 @@ def rows_of_tracks(
     context: bpy.types.Context,
 ) -> Iterator[tuple[bpy.types.Object, bpy.types.NlaTrack, float, float]]:
     """Yield (effect, track, lower end, upper end in pixels) for tracks of effects in the current
-    NLA Editor; none of an effect in *Tweak Mode*."""
+    NLA Editor; none of an effect in *Tweak Mode*, and none for rows of ambiguous strips."""
     import gpu
 
     region, system = context.region, context.preferences.system
@@ -37,16 +37,36 @@ def rows_of_tracks(
         pixels.dimensions = 4 * region.width
         return np.array(pixels, np.int32).reshape(region.width, 4)
 
-    waiting = [(*pair, strip_mask(region, pair[1])) for pair in nla_tracks(context)]
-    while waiting and high > height:
+    pairs = nla_tracks(context)
+    masks = [strip_mask(region, track) for _, track in pairs]
+    rows: list[tuple[float, list[int]]] = []
+    while pairs and high > height:
         if high + gap < region.height - ruler:
             is_filled = (abs(line(high - 0.5 * height) - line(high + 0.5 * gap)) > 2).any(axis=1)
-            for k, (effect, track, mask) in enumerate(waiting):
-                if fits(is_filled, mask):
-                    yield effect, track, high - height, high
-                    del waiting[: k + 1]
-                    break
+            numbers = [k for k, mask in enumerate(masks) if fits(is_filled, mask)]
+            rows += [(high, numbers)] if numbers else []
         high -= height + gap
+    certain = certain_tracks([numbers for _, numbers in rows])
+    for (upper, _), number in zip(rows, certain, strict=True):
+        if number is not None:
+            yield *pairs[number], upper - height, upper
+
+
+def certain_tracks(rows: list[list[int]]) -> list[int | None]:
+    """Number of the track of each row, from the numbers of the fitting tracks, ascending. Rows and
+    tracks have the same order. None for a row with several possible tracks, as effects with clips
+    at the same times have if some are folded or out of view."""
+    lowest: list[int | None] = []
+    highest: list[int | None] = []
+    below, above = -1, 1 + max((numbers[-1] for numbers in rows), default=0)
+    for numbers in rows:
+        lowest.append(next((k for k in numbers if k > below), None))
+        below = below if lowest[-1] is None else lowest[-1]
+    for numbers in reversed(rows):
+        highest.append(next((k for k in reversed(numbers) if k < above), None))
+        above = above if highest[-1] is None else highest[-1]
+    pairs = zip(lowest, reversed(highest), strict=True)
+    return [low if low == high else None for low, high in pairs]
 
 
 def nla_tracks(context: bpy.types.Context) -> list[tuple[bpy.types.Object, bpy.types.NlaTrack]]:

@@ -65,7 +65,7 @@ def test_what_is_changed_while_painting_is_seen_on_the_canvas(effect: Any) -> No
     bpy.ops.hfx.paint_begin()
     canvas = bpy.context.object
     bpy.ops.hfx.area_filter(action="clear")
-    group = canvas.vertex_groups[painting.GROUP].index
+    group = canvas.vertex_groups[0].index
     assert not any(e.group == group for v in canvas.data.vertices for e in v.groups)
 
 
@@ -228,7 +228,7 @@ def test_nothing_selected_is_told(effect: Any) -> None:
 def test_saving_while_painting_stores_what_was_painted(effect: Any, tmp_path: Path) -> None:
     bpy.ops.hfx.paint_begin()
     canvas = bpy.context.object
-    group = canvas.vertex_groups[painting.GROUP]
+    group = canvas.vertex_groups[0]
     group.remove(list(range(len(canvas.data.vertices))))
     group.add([5], 0.5, "REPLACE")
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))

@@ -367,7 +367,7 @@ def test_painting_shows_the_area_and_takes_it_over(body: Any) -> None:
     canvas = bpy.context.object
     assert body.hfx.avatar.hide_get() and canvas != effect
     assert len(canvas.data.vertices) == len(load_model("hfx-pressure-1"))
-    group = canvas.vertex_groups[painting.GROUP]
+    group = canvas.vertex_groups[0]
     assert canvas.vertex_groups.active == group
     assert (group.weight(3), group.weight(900)) == (0.5, 1.0)
     group.add([5], 0.75, "REPLACE")  # a stroke of the brush
@@ -459,7 +459,7 @@ def test_the_canvas_stands_where_the_body_does(body: Any) -> None:
     bone.location = (0.1, 0.2, 0.3)
     bpy.ops.hfx.paint_begin()
     canvas = bpy.context.object
-    assert [group.name for group in canvas.vertex_groups] == [painting.GROUP]
+    assert [group.name for group in canvas.vertex_groups] == [canvas[painting.PAINTED_EFFECT].name]
     body.location = (5, 0, 0)
     graph = bpy.context.evaluated_depsgraph_get()
     shown = canvas.evaluated_get(graph)
@@ -475,7 +475,7 @@ def test_a_clip_of_the_painted_effect_ends_painting(body: Any, name: str) -> Non
     effect = painted()
     bpy.ops.hfx.paint_begin()
     canvas = bpy.context.object
-    canvas.vertex_groups[painting.GROUP].add([5], 0.75, "REPLACE")
+    canvas.vertex_groups[0].add([5], 0.75, "REPLACE")
     assert getattr(bpy.ops.hfx, name)() == {"FINISHED"}
     assert bpy.context.object == effect and bpy.context.mode == "OBJECT"
     assert effects.area(effect) == ([5], [0.75])
@@ -501,7 +501,7 @@ def test_painting_refuses_what_it_could_not_take_over(body: Any) -> None:
     with pytest.raises(RuntimeError, match="being painted already"):
         bpy.ops.hfx.paint_begin()
     bpy.context.view_layer.objects.active = canvas
-    canvas.vertex_groups.remove(canvas.vertex_groups[painting.GROUP])
+    canvas.vertex_groups.remove(canvas.vertex_groups[0])
     with pytest.raises(RuntimeError, match="was edited"):
         bpy.ops.hfx.paint_end()
     assert effects.area(effect) == ([3], [0.5])
@@ -521,7 +521,7 @@ def test_an_area_means_nothing_on_another_model(body: Any) -> None:
     assert effects.area(effect)[0] == torso.tolist()
     effect.hfx.modality = "pressure"
     bpy.ops.hfx.paint_begin()
-    group = bpy.context.object.vertex_groups[painting.GROUP]
+    group = bpy.context.object.vertex_groups[0]
     with pytest.raises(RuntimeError, match="not in group"):
         group.weight(int(torso[0]))
 

@@ -144,7 +144,7 @@ def test_a_stroke_on_the_canvas_is_no_change_of_an_effect(following: Any) -> Non
     canvas = bpy.context.object
     redraw()
     preview.is_drawn = True
-    canvas.vertex_groups["hfx"].add([5], 0.75, "REPLACE")
+    canvas.vertex_groups[0].add([5], 0.75, "REPLACE")
     canvas.data.update()
     bpy.context.view_layer.update()
     assert preview.is_drawn and not is_waiting(preview.check_scene)

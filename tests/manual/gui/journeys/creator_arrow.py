@@ -113,7 +113,7 @@ def canvas() -> bpy.types.Object | None:
 def count() -> int:
     """Number of painted vertices."""
     mesh = canvas()
-    group = mesh.vertex_groups["hfx"].index
+    group = mesh.vertex_groups[0].index
     return sum(any(g.group == group and g.weight for g in v.groups) for v in mesh.data.vertices)
 
 

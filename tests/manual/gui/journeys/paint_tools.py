@@ -86,7 +86,7 @@ def texels(image: bpy.types.Image, cells: np.ndarray) -> np.ndarray:
 def weights() -> np.ndarray:
     """Painted weights of the mesh in Weight Paint."""
     mesh = bpy.context.object
-    group = mesh.vertex_groups["hfx"].index
+    group = mesh.vertex_groups[0].index
     return np.array(
         [sum(g.weight for g in v.groups if g.group == group) for v in mesh.data.vertices]
     )
