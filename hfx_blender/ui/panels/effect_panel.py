@@ -8,6 +8,7 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 from ...authoring import responses
+from ...authoring.clips import strips_of
 from ...authoring.effects import effects
 from ...authoring.painting import PAINTED_EFFECT, canvas_of
 from ...authoring.paths import paths
@@ -237,6 +238,8 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
             row.operator("hfx.paint_begin", icon="BRUSH_DATA")
         else:
             row.operator("hfx.paint_end", icon="CHECKMARK")
+            if not strips_of(effect):
+                layout.operator("hfx.add_clip", text="Finish, Add Clip", icon="NLA")
             layout.prop(canvas.data, "use_mirror_x", text="Paint Both Sides", icon="MOD_MIRROR")
             row = layout.row()
         row.operator("hfx.area_atlas", icon="UV")

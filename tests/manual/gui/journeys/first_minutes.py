@@ -28,8 +28,8 @@ def steps(h: Any) -> Iterator[float]:
     yield 2.0
     h.shot("2_avatar.png")
 
-    menus = yield from h.choices(h.region("HEADER"))
-    yield from h.click(*menus[2])  # Paint an Effect, after the mode and the menus
+    menus = yield from h.choices(h.region("UI"))
+    yield from h.click(*menus[1])  # Paint an Effect, after the palette
     yield 0.8
     rows = yield from h.menu_rows()
     h.shot("3_modalities.png")
@@ -43,7 +43,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.drag([(x + step, y) for step in range(-30, 31, 6)], step=0.1)
     yield 1.0
     h.shot("5_stroke.png")
-    yield from h.press_button("HFX_OT_add_clip", "HEADER")
+    yield from h.press_button("HFX_OT_add_clip")
     yield 1.0
     effect = hands.effect("pressure")
     h.check(bpy.context.mode == "OBJECT", "the clip ends painting")
@@ -52,7 +52,7 @@ def steps(h: Any) -> Iterator[float]:
     h.shot("6_clip.png")
 
     bpy.context.scene.frame_end = 24  # a short export, because cost is not the subject
-    yield from h.press_button("HFX_OT_export", "HEADER")
+    yield from h.press_button("HFX_OT_export")
     yield 1.0
     track = Path(h.out, "minutes.hfxtrack")
     h.shot("8_export.png")
