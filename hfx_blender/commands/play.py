@@ -7,7 +7,8 @@ import argparse
 import os
 import secrets
 from contextlib import ExitStack, closing
-from dataclasses import replace
+from dataclasses import asdict, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -59,16 +60,21 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument(
         "--port",
+        action="append",
         help="serial or network port, or part of a sound card's name (default: as last connected "
-        "in Blender, else as found by its USB ids or as configured)",
+        "in Blender, else as found by its USB ids or as configured); repeat it for each output of "
+        "a device with several outputs",
     )
     parser.add_argument(
         "--unit",
+        action="append",
         metavar="NAME",
         help="unit among several devices of one server: a name from 'hfx device find', or '#' and "
         "a number (default: as last connected, else the first free unit)",
     )
-    parser.add_argument("--host", help="host of a network device (default: as last connected)")
+    parser.add_argument(
+        "--host", action="append", help="host of a network device (default: as last connected)"
+    )
     parser.add_argument(
         "--path", type=Path, metavar="FILE", help="file that a log or a simulator writes"
     )
@@ -159,7 +165,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             target = live_settings.target_of(device, settings)
             if settings.kind == "PAGE":
                 target = {**target, "code": f"{secrets.randbelow(10**6):06d}", "waits": True}
-                target["port"] = int(options.port or PAGE_PORT)
+                target["port"] = int(options.port[0] if options.port else PAGE_PORT)
                 write_note(
                     f"Open http://{target['host']}:{target['port']} on the phone and type "
                     f"{target['code']}; playback begins then"
@@ -203,8 +209,8 @@ def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
     addresses = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
     if options.to == "log" and options.path is None:
         raise UsageError("--to log: give the file with --path")
-    if options.to == "page" and options.port and not options.port.isdecimal():
-        raise UsageError(f"--port {options.port[:20]}: expected a network port")
+    if options.to == "page" and options.port and not options.port[0].isdecimal():
+        raise UsageError(f"--port {options.port[0][:20]}: expected a network port")
     if options.to == "page" and len(names) > 1:
         raise UsageError("--page is of one device; give one --device")
     if len(names) > 1 and addresses:
@@ -290,11 +296,14 @@ def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
         known = live_settings.LiveSettings(offset_ms=known.offset_ms)
     if kind == "PAGE":
         return live_settings.LiveSettings(kind, host=options.listen_on, offset_ms=known.offset_ms)
-    return replace(
-        known,
-        kind=kind,
-        port=options.port or known.port,
-        host=options.host or known.host,
-        unit=options.unit or ("" if options.port or options.host else known.unit),
-        path=str(options.path or ""),
-    )
+    rows = zip_longest(options.port or (), options.host or (), options.unit or (), fillvalue="")
+    outputs = []
+    for index, (port, host, unit) in enumerate(rows):
+        last = known.of_output(index)
+        unit = unit or ("" if port or host else last.unit)
+        outputs.append(live_settings.PortSettings(port or last.port, host or last.host, unit))
+    path = str(options.path or "")
+    if not outputs:
+        return replace(known, kind=kind, path=path)
+    more = (*outputs[1:], *known.more[len(outputs) - 1 :])
+    return replace(known, kind=kind, path=path, **asdict(outputs[0]), more=more)

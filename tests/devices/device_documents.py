@@ -198,6 +198,14 @@ def substituting(source: str, target: str) -> dict[str, Any]:
     return with_types(kinds[target], substitutions={source: how})
 
 
+def with_list(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a copy with the output as the only item of a list of outputs."""
+    document = copy.deepcopy(document)
+    ids = [actuator["id"] for actuator in document["actuators"]]
+    document["outputs"] = [document.pop("output") | {"actuators": ids}]
+    return document
+
+
 def documents(outputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Return all configurations by name: shipped devices, then documents of further fields."""
     actual = {

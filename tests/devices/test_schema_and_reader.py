@@ -15,7 +15,7 @@ from typing import Any
 
 import jsonschema
 import pytest
-from device_documents import FULL, documents
+from device_documents import FULL, documents, with_list
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_output_configuration import GOOD, with_output
@@ -35,6 +35,11 @@ DOCUMENTS = documents(
 )
 DOCUMENTS["output text stop"] = copy.deepcopy(FULL) | {
     "output": {"encoder": GOOD["text"][0]["encoder"] | {"stop": "STOP"}}
+}
+DOCUMENTS |= {
+    f"list of {name}": with_list(document)
+    for name, document in DOCUMENTS.items()
+    if "output" in document
 }
 
 KINDS = ("scheme", "modality", "kind", "as")
@@ -220,6 +225,7 @@ READER_ONLY = re.compile(
     "|has no 'mount'|differs for each|each model once|the hottest allowed|a direction"
     r"|\.(parameters|limits)\..*, allowed is a number from "
     "|not silent at its minimum|actuators at most|once round is|of a private network"
+    "|for all actuators|no other output has|next to 'output'"
 )
 """What the reader says of faults that a schema cannot see."""
 

@@ -108,7 +108,7 @@ def test_dots_of_head_hand_and_foot_have_a_layout():
     encoder = BhapticsEncoder((("Head", 5), ("HandL", 2), ("FootR", 0)))
     shipped = load_device("bhaptics_tactsuit_x40")
     output = dataclasses.replace(shipped.output, encoder=encoder)
-    device = dataclasses.replace(shipped, actuators=shipped.actuators[:3], output=output)
+    device = dataclasses.replace(shipped, actuators=shipped.actuators[:3], outputs=(output,))
     motors = list(motors_of(device).values())
     assert motors == [
         Motor("Head", "Head", 5),

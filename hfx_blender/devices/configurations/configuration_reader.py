@@ -6,6 +6,7 @@ from __future__ import annotations
 import ipaddress
 import itertools
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -98,7 +99,7 @@ def device_from(document: Node) -> DeviceConfig:
         width_m=None if size is None else size.number("width"),
         height_m=None if size is None else size.number("height"),
         side=side,
-        output=output(top["output"], actuators) if "output" in top else None,
+        outputs=_outputs(top, actuators),
     )
 
 
@@ -297,6 +298,31 @@ def _room_place(node: Node) -> RoomPlace:
         range_m=node.number("range_m", 100.0),
         cone_deg=node.number("cone_deg", 360.0),
     )
+
+
+def _outputs(top: Node, actuators: tuple[Actuator, ...]) -> tuple[OutputConfig, ...]:
+    """Read ``output``, or the list ``outputs`` with actuators by id; empty without both. InputError
+    for both fields, and unless each actuator is in exactly one output."""
+    if "output" in top:
+        if "outputs" in top:
+            top["outputs"].fail("no list next to 'output': write each output into 'outputs'")
+        return (output(top["output"], actuators),)
+    if "outputs" not in top:
+        return ()
+    numbers = {actuator.id: k for k, actuator in enumerate(actuators)}
+    outputs = []
+    unused = dict(numbers)
+    for node in top["outputs"].items():
+        indices = []
+        for item in node["actuators"].items():
+            if item.value not in unused:
+                item.fail("an actuator that no other output has: " + ", ".join(unused))
+            indices.append(unused.pop(item.value))
+        part = tuple(actuators[k] for k in indices)
+        outputs.append(replace(output(node, part), actuators=tuple(indices)))
+    if unused:
+        top["outputs"].fail("outputs for all actuators, also for " + ", ".join(unused))
+    return tuple(outputs)
 
 
 def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:

@@ -344,16 +344,23 @@ def _with_kind(members: Shape, kind: str) -> Shape:
     return tagged("kind", {kind: members}).kinds[kind]
 
 
-OUTPUT: Final = Tagged(
-    "encoder.kind",
-    {
-        encoder: strict(
-            {"encoder": _with_kind(members, encoder)},
-            {"transport": tagged("kind", {transport: _TRANSPORTS[transport]})},
-        )
-        for encoder, (transport, members) in _ENCODERS.items()
-    },
-)
+def _outputs(further: Mapping[str, Shape]) -> Tagged:
+    """JSON shape of an output with any encoder, with ``further`` required fields."""
+    return Tagged(
+        "encoder.kind",
+        {
+            encoder: strict(
+                {"encoder": _with_kind(members, encoder), **further},
+                {"transport": tagged("kind", {transport: _TRANSPORTS[transport]})},
+            )
+            for encoder, (transport, members) in _ENCODERS.items()
+        },
+    )
+
+
+OUTPUT: Final = _outputs({})
+OUTPUT_PART: Final = _outputs({"actuators": Items(ID, 1, MAX_ACTUATORS, order="unique")})
+MAX_OUTPUTS: Final = 16
 
 DEVICE: Final = strict(
     {
@@ -374,5 +381,6 @@ DEVICE: Final = strict(
         "substitutions": SUBSTITUTIONS,
         "defaults": strict({}, {"gain": Number(0.0, 10.0)}),
         "output": OUTPUT,
+        "outputs": Items(OUTPUT_PART, 1, MAX_OUTPUTS),
     },
 )

@@ -17,7 +17,7 @@ from ...engine.rendering.device_config import DeviceConfig
 from ..workers.script_process import ScriptProcess, ScriptRefusedError
 from .clock import SYSTEM, Clock
 from .guard import Guard
-from .output import PATIENCE_S, Output, OutputLostError, SoundingOutput
+from .output import PATIENCE_S, Output, OutputLostError, SoundingOutput, chosen_devices
 from .pacing import DelayQueue, Pace, Ramp, tick_s
 from .time_on import BudgetUse
 from .tones import Sounding
@@ -62,9 +62,9 @@ class DeviceThread:
     ``open_output``: opens the output; called in this thread, as opening may take seconds.
     ``report``: called as ``report(event, device, text="", ...)``; must not block.
     ``offset_s``: delay of all values, seconds, for synchrony with sound and picture.
-    ``budgets``: takes the label of the device that a server chose ("" without a server) and
-    returns a context manager with the device's duty budgets. Called in this thread, after the
-    output is open. None: budgets that last as long as this thread.
+    ``budgets``: takes the label of the device that a server chose ("" without a server), for each
+    output, and returns a context manager with the device's duty budgets. Called in this thread,
+    after the output is open. None: budgets that last as long as this thread.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class DeviceThread:
         *,
         offset_s: float = 0.0,
         clock: Clock = SYSTEM,
-        budgets: Callable[[str], AbstractContextManager[Sequence[BudgetUse]]] | None = None,
+        budgets: Callable[..., AbstractContextManager[Sequence[BudgetUse]]] | None = None,
     ) -> None:
         self.number = number
         self.device = device
@@ -329,8 +329,8 @@ class DeviceThread:
             output = self._open_output()
             if self._budgets is not None and self._guard.time_on.is_limited:
                 try:
-                    label = str(getattr(output, "chosen_device", ""))
-                    self._guard.share(claims.enter_context(self._budgets(label)))
+                    labels = chosen_devices(output)
+                    self._guard.share(claims.enter_context(self._budgets(*labels)))
                 except BaseException:
                     output.close()
                     raise
@@ -348,7 +348,7 @@ class DeviceThread:
         self._is_quiet.wait(PATIENCE_S)
         with self._wake:
             self.is_open = True
-            unit = str(getattr(output, "chosen_device", ""))
+            unit = ", ".join(filter(None, chosen_devices(output)))
             # Under the lock, so that "connected" is reported before "armed".
             self._report("connected", self.number, text=unit)
             is_to_play = self.is_wanted and not self.is_closed

@@ -40,7 +40,7 @@ from ..live.discovery import serial_ports
 from ..transports.reservations import computer
 from .clock import SYSTEM, Clock
 from .encoders import Channels, osc_addresses
-from .opening import kind_of
+from .opening import kind_of, targets_of
 from .output import OutputLostError
 from .time_on import BudgetUse, DutyBudget
 
@@ -66,7 +66,7 @@ class Identity(NamedTuple):
 
 
 def identities(
-    device: DeviceConfig, target: Mapping[str, Any], label: str = ""
+    device: DeviceConfig, target: Mapping[str, Any], *labels: str
 ) -> tuple[Identity, ...]:
     """Identities of the physical device behind a target; equal identities share budgets.
 
@@ -75,8 +75,8 @@ def identities(
     ========================  ===================================================================
     port with serial number   USB ids and serial number
     port without              two: the port's path, and the configuration's id
-    VRC Haptics               ``label``, the MAC address of the board
-    network                   normalised address and ``label``; slots are OSC addresses without
+    VRC Haptics               the label, MAC address of the board
+    network                   normalised address and label; slots are OSC addresses without
                               the configuration's id, features of a Buttplug device, or motors of
                               the bHaptics Player
     sound card                common to all cards, as a card has many names; slots are channels
@@ -84,8 +84,29 @@ def identities(
     ========================  ===================================================================
 
     ``target``: as for :func:`.opening.open_output`.
-    ``label``: label of the device that a server chose; "" without a server.
+    ``labels``: label of the device that a server chose, for each output; "" without a server.
+
+    A device with several outputs has the identities of all of them. An actuator has a slot of its
+    own in the identities of other outputs.
     """
+    if target.get("kind") != "several":
+        return _identities_of_part(device, target, *labels[:1])
+    identities: list[Identity] = []
+    for number, (part, part_target) in enumerate(
+        zip(device.parts, targets_of(target), strict=True)
+    ):
+        ids = [actuator.id for actuator in part.actuators]
+        for identity in _identities_of_part(part, part_target, *labels[number : number + 1]):
+            own = dict(zip(ids, identity.slots, strict=True))
+            slots = tuple(own.get(x.id, f"elsewhere {x.id}") for x in device.actuators)
+            identities.append(identity._replace(slots=slots))
+    return tuple(identities)
+
+
+def _identities_of_part(
+    device: DeviceConfig, target: Mapping[str, Any], label: str = ""
+) -> tuple[Identity, ...]:
+    """Identities of a device with one output, as of :func:`identities`."""
     kind = target.get("kind")
     numbers = tuple(map(str, range(len(device.actuators))))
     if kind == "serial":

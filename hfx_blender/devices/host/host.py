@@ -274,7 +274,7 @@ class Host:
             offset_s=_offset_s(request),
             clock=self._clock,
             # Not before the output is open: a server chooses the device, which has the budget.
-            budgets=lambda label: self._budgets.claimed(identities(device, target, label)),
+            budgets=lambda *labels: self._budgets.claimed(identities(device, target, *labels)),
         )
         if isinstance(script, dict):
             thread.script = ScriptProcess(

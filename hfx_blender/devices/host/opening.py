@@ -23,6 +23,7 @@ from ..configurations.configuration_reader import is_local
 from ..transports.log_outputs import CsvLog, Simulator
 from ..transports.serial_port import SerialFrames, SerialPort
 from .encoders import FrameEncoder
+from .joined_outputs import JoinedOutputs
 from .output import Output, OutputLostError
 
 KINDS: Final = ("serial", "udp", "websocket", "csv", "audio", "page")
@@ -39,6 +40,7 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     - ``page``: ``host``, the own address of the page; optional ``port``, ``code`` and ``waits``.
       For devices that vibrate.
     - ``serial``: ``port``.
+    - ``several``: ``outputs``, a target for each output of the device.
     - ``udp``, ``websocket``: optional ``host`` and ``port``, by default as configured;
       ``unit`` chooses among several devices of a server.
 
@@ -68,6 +70,26 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
             raise OutputLostError(f"'{str(port)[:20]}' is no port; allowed is 0 to 65535.")
         host, code = str(target.get("host", "127.0.0.1")), str(target.get("code", ""))
         return PageOutput(device, host, port, code, waits=bool(target.get("waits")))
+    targets = targets_of(target)
+    if len(targets) != max(len(device.parts), 1):
+        text = f"Device '{device.id}' has {len(device.parts)} outputs; {len(targets)} are given."
+        raise OutputLostError(text)
+    if kind == "several":
+        return JoinedOutputs(device, lambda k: _open_part(device.parts[k], targets[k]))
+    return _open_part(device, target)
+
+
+def targets_of(target: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Target of each output: those of the kind ``several``, else the target itself."""
+    if target.get("kind") != "several":
+        return [target]
+    outputs = target.get("outputs")
+    return [x for x in outputs if isinstance(x, dict)] if isinstance(outputs, list) else []
+
+
+def _open_part(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+    """Open the only output of a device by its target; errors as of :func:`open_output`."""
+    kind = target.get("kind")
     if kind not in KINDS:
         raise OutputLostError(f"'{kind}' is not a kind of output; there are: {', '.join(KINDS)}.")
     if kind != kind_of(device):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, Protocol, runtime_checkable
 
 from ...engine.arrays import F64
@@ -49,6 +50,12 @@ class SoundingOutput(Output, Protocol):
 
         Raises OutputLostError.
         """
+
+
+def chosen_devices(output: Output) -> Sequence[str]:
+    """Label of the device that a server chose, for each output of a device; "" without a server."""
+    single = [str(getattr(output, "chosen_device", ""))]
+    return getattr(output, "chosen_devices", single)
 
 
 def shown(received: str) -> str:

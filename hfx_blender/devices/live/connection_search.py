@@ -7,7 +7,7 @@ import os
 import threading
 from collections.abc import Generator, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
@@ -50,11 +50,12 @@ class Connections:
     ports: Choices = ()  # serial ports, or sound cards
     units: Choices = ()  # devices of a server
     hint: str = ""  # what is missing, and the cure; "": nothing
+    more: tuple[Connections, ...] = ()  # of the outputs after the first
 
 
 def why_not(device: DeviceConfig, kind: str) -> str:
     """Reason why a device cannot have settings of a kind; "" if the device can."""
-    if kind == "DEVICE" and device.output is None:
+    if kind == "DEVICE" and not device.outputs:
         return "No output in the configuration: use the sound card or the log, or export files"
     if kind == "AUDIO" and "vibration" not in device.modalities:
         return "A sound card plays vibration only; the device has none"
@@ -67,6 +68,11 @@ def searched(device: DeviceConfig, settings: LiveSettings) -> Generator[Connecti
     A step takes at most some tenths of a second; of a Buttplug server, 3 s. The server scans for
     devices until the iterator is closed.
     """
+    if settings.kind == "DEVICE" and len(device.parts) > 1:
+        searches = [searched(x, settings.of_output(k)) for k, x in enumerate(device.parts)]
+        for first, *more in zip(*searches, strict=True):
+            hint = ". ".join(filter(None, (x.hint for x in (first, *more))))
+            yield replace(first, hint=hint, more=tuple(more))
     kind = settings.kind if settings.kind != "DEVICE" else kind_of(device)
     if kind == "websocket":
         yield from _served(device, settings)

@@ -61,6 +61,7 @@ class Found:
     port: str  # serial port; "": a network address as configured
     description: str
     unit: str = ""  # as of LiveSettings
+    more: tuple[tuple[str, str], ...] = ()  # port and unit of each output after the first
 
 
 def answers(host: str, port: int) -> bool:
@@ -82,9 +83,13 @@ def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -
     announces itself within two seconds. Never OSC: datagrams get no answer.
     """
     ports, matches = list(ports), []
+    devices = list(devices)
     for_boards: list[DeviceConfig] = []
     programs: dict[tuple[str, int], list[DeviceConfig]] = {}
     for device in devices:
+        if len(device.parts) > 1:
+            matches += _joined(device, ports)
+            continue
         matches += [
             Found(device.id, p.name, p.description, p.serial) for p in ports if _is_on(device, p)
         ]
@@ -108,6 +113,21 @@ def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -
             if is_present:
                 matches += _behind(host, port, programs[host, port])
     return matches
+
+
+def _joined(device: DeviceConfig, ports: list[FoundPort]) -> list[Found]:
+    """Match of a device with several outputs: for each output the first present connection that no
+    output before has; empty unless all outputs are present."""
+    chosen: list[Found] = []
+    for part in device.parts:
+        taken = [(match.port, match.unit) for match in chosen if match.port or match.unit]
+        free = [x for x in found_devices([part], ports) if (x.port, x.unit) not in taken]
+        chosen += free[:1]
+    if len(chosen) < len(device.parts):
+        return []
+    first, text = chosen[0], "; ".join(match.description for match in chosen)
+    more = tuple((match.port, match.unit) for match in chosen[1:])
+    return [Found(device.id, first.port, text, first.unit, more)]
 
 
 def found_at(folder: Path) -> tuple[list[str], list[Found], list[str]]:

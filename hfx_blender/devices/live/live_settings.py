@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -28,6 +28,15 @@ LEAST_LATENCY_MS: Final = 5.0
 
 
 @dataclass(frozen=True)
+class PortSettings:
+    """Connection of an output; members as of :class:`LiveSettings`."""
+
+    port: str = ""
+    host: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True)
 class LiveSettings:
     """Connection settings of a device."""
 
@@ -37,6 +46,15 @@ class LiveSettings:
     path: str = ""  # of a log
     offset_ms: float = 0.0  # delay of the values, 0..1000
     unit: str = ""  # among several devices: label at a server, or serial number at a port
+    more: tuple[PortSettings, ...] = ()  # outputs of the device after the first
+
+    def of_output(self, index: int) -> LiveSettings:
+        """Settings of an output by its number from 0, without the other outputs; empty port, host
+        and unit for an output that is missing here."""
+        if not index:
+            return replace(self, more=())
+        own = self.more[index - 1] if index <= len(self.more) else PortSettings()
+        return replace(self, **asdict(own), more=())
 
 
 def load() -> dict[str, LiveSettings]:
@@ -53,7 +71,10 @@ def load() -> dict[str, LiveSettings]:
         members: dict[str, Any] = {}
         for field in fields(LiveSettings):
             value = entry.get(field.name, field.default)
-            if isinstance(field.default, str):
+            if field.name == "more":
+                items = value if isinstance(value, list) else []
+                members["more"] = tuple(_port_settings(item) for item in items)
+            elif isinstance(field.default, str):
                 members[field.name] = value if isinstance(value, str) else field.default
             else:  # the delay
                 is_number = isinstance(value, int | float) and math.isfinite(value)
@@ -61,6 +82,13 @@ def load() -> dict[str, LiveSettings]:
                 members[field.name] = delay_ms
         settings[str(name)] = LiveSettings(**members)
     return settings
+
+
+def _port_settings(entry: object) -> PortSettings:
+    """Connection of an output from JSON; invalid members are empty."""
+    members = entry if isinstance(entry, dict) else {}
+    texts = (members.get(field.name) for field in fields(PortSettings))
+    return PortSettings(*(text if isinstance(text, str) else "" for text in texts))
 
 
 def store(name: str, settings: LiveSettings) -> None:
@@ -106,9 +134,6 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
 
     Raises DeviceError: the device has no output, is on no port, or the settings are incomplete.
     """
-    from ..host import opening
-    from .discovery import port_of, same_port, serial_ports
-
     if settings.kind == "SIMULATOR":
         return {"kind": "simulator", **({"path": settings.path} if settings.path else {})}
     if settings.kind == "CSV":
@@ -119,11 +144,20 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
         return {"kind": "audio", "interface": settings.port}
     if settings.kind == "PAGE":
         return {"kind": "page", "host": settings.host or "127.0.0.1"}
-    kind = opening.kind_of(device)
-    if kind is None:
+    if not device.parts:
         raise DeviceError(
             f"Device '{device.id}': its configuration has no output, so it cannot be driven live."
         )
+    targets = [_target_of_part(part, settings.of_output(k)) for k, part in enumerate(device.parts)]
+    return targets[0] if len(targets) == 1 else {"kind": "several", "outputs": targets}
+
+
+def _target_of_part(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
+    """Target of a device with one output; DeviceError as of :func:`target_of`."""
+    from ..host import opening
+    from .discovery import port_of, same_port, serial_ports
+
+    kind = opening.kind_of(device)
     if kind == "serial":
         ports = serial_ports()
         if not settings.port:

@@ -302,10 +302,11 @@ Encoder = (
 
 @dataclass(frozen=True)
 class OutputConfig:
-    """Encoder and transport of a device."""
+    """Encoder and transport of a device, or of some of its actuators."""
 
     encoder: Encoder
     transport: Transport
+    actuators: tuple[int, ...] = ()  # indices, in the order of the channels; (): all
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,9 +327,29 @@ class DeviceConfig:
     height_m: float | None = None
     side: str | None = None  # side of the body; None: fixed
     is_mirrored: bool = False  # places are written for the opposite side
-    output: OutputConfig | None = None  # live output; None: none
+    outputs: tuple[OutputConfig, ...] = ()  # live outputs, each actuator in one; (): none
     surface_drive_per_m: float | None = None  # c_v of this device; None: the common c_v
     script: ScriptFiles | None = None  # None: no script
+
+    @property
+    def output(self) -> OutputConfig | None:
+        """Output of a device with exactly one output; else None."""
+        return self.outputs[0] if len(self.outputs) == 1 else None
+
+    @cached_property
+    def parts(self) -> tuple[DeviceConfig, ...]:
+        """Device for each output, with the actuators of this output only; the device itself if it
+        has one output, empty if it has none."""
+        if len(self.outputs) < 2:
+            return (self,) * len(self.outputs)
+        return tuple(
+            replace(
+                self,
+                actuators=tuple(self.actuators[k] for k in output.actuators),
+                outputs=(replace(output, actuators=()),),
+            )
+            for output in self.outputs
+        )
 
     def rendered_by(self, scheme: str) -> DeviceConfig:
         """Device with another scheme of default options; unchanged for "" or the present scheme."""

@@ -73,12 +73,15 @@ def motors_of(device: DeviceConfig) -> dict[str, Motor]:
     first set; x is negated for a mirrored device. Actuators elsewhere, or beyond the six of a
     sleeve, are missing.
     """
-    encoder = device.output.encoder if device.output is not None else None
-    if isinstance(encoder, BhapticsEncoder):
-        dots = encoder.worn_dots(is_mirrored=device.is_mirrored)
+    encoders = [(part, output.encoder) for part in device.parts for output in part.outputs]
+    served = [(part, how) for part, how in encoders if isinstance(how, BhapticsEncoder)]
+    if served:
         return {
             actuator.id: Motor(_KIND_OF[position], position, index)
-            for actuator, (position, index) in zip(device.actuators, dots, strict=True)
+            for part, how in served
+            for actuator, (position, index) in zip(
+                part.actuators, how.worn_dots(is_mirrored=device.is_mirrored), strict=True
+            )
             if actuator.type.modality == "vibration"
         }
     motors = {}

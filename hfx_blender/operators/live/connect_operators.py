@@ -3,11 +3,17 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import EnumProperty, FloatProperty, StringProperty
+from bpy.props import (
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    StringProperty,
+)
 
 from ...blender.translation import translated
 from ...devices.live import live_settings
@@ -111,6 +117,29 @@ def _units(_self: object, _context: object, _text: str) -> Choices:
     return () if search.newest is None else search.newest.units
 
 
+def _ports_of(item: HfxOutputPort, _context: object, _text: str) -> Choices:
+    from ...devices.live.connection_search import search
+
+    more = () if search.newest is None else search.newest.more
+    return more[item.index].ports if item.index < len(more) else ()
+
+
+def _units_of(item: HfxOutputPort, _context: object, _text: str) -> Choices:
+    from ...devices.live.connection_search import search
+
+    more = () if search.newest is None else search.newest.more
+    return more[item.index].units if item.index < len(more) else ()
+
+
+class HfxOutputPort(bpy.types.PropertyGroup):
+    """Connection of an output after the first."""
+
+    index: IntProperty()  # from 0 for the second output
+    port: StringProperty(name="Port", search=_ports_of, search_options={"SUGGESTION"})
+    host: StringProperty(name="Host")
+    unit: StringProperty(name="Which One", search=_units_of, search_options={"SUGGESTION"})
+
+
 class HFX_OT_live_connect(OfDevice):
     """Connect a device and play the effects"""
 
@@ -140,6 +169,7 @@ class HFX_OT_live_connect(OfDevice):
         search=_units,
         search_options={"SUGGESTION"},
     )
+    more: CollectionProperty(type=HfxOutputPort, options={"HIDDEN", "SKIP_SAVE"})
     path: StringProperty(
         name="Log", description="File to write", subtype="FILE_PATH", translation_context="HFX"
     )
@@ -159,8 +189,14 @@ class HFX_OT_live_connect(OfDevice):
         if facts.device is None:
             self.report({"ERROR"}, translated(facts.fault))
             return {"CANCELLED"}
-        for field, value in asdict(settings_of(self.name)).items():
-            setattr(self, field, value)
+        stored = settings_of(self.name)
+        for field in ("kind", "port", "host", "unit", "path", "offset_ms"):
+            setattr(self, field, getattr(stored, field))
+        self.more.clear()
+        for index in range(len(facts.device.outputs) - 1):
+            item, output = self.more.add(), stored.of_output(index + 1)
+            item.index, item.port, item.host = index, output.port, output.host
+            item.unit = output.unit
         if why_not(facts.device, self.kind):
             self.kind = "SIMULATOR"
         try:
@@ -185,8 +221,9 @@ class HFX_OT_live_connect(OfDevice):
         search.end()
 
     def _settings(self, unit: str) -> live_settings.LiveSettings:
+        more = tuple(live_settings.PortSettings(x.port, x.host, x.unit) for x in self.more)
         return live_settings.LiveSettings(
-            self.kind, self.port, self.host, self.path, self.offset_ms, unit
+            self.kind, self.port, self.host, self.path, self.offset_ms, unit, more
         )
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -207,7 +244,11 @@ class HFX_OT_live_connect(OfDevice):
         if self.kind == "AUDIO":
             column.prop(self, "port", text="Sound Card", placeholder="Default")
         elif self.kind == "DEVICE":
-            self._draw_connection(column, device.output)
+            for item, output in zip((self, *self.more), device.outputs, strict=False):
+                if len(device.outputs) > 1:
+                    ids = ", ".join(device.actuators[k].id for k in output.actuators)
+                    column.label(text=ids, icon="PLUGIN", translate=False)
+                self._draw_connection(column, item, output)
         else:
             column.prop(self, "path")
         column.prop(self, "offset_ms")
@@ -222,7 +263,9 @@ class HFX_OT_live_connect(OfDevice):
         elif self.kind == "DEVICE":
             layout.label(text="Ready to connect", icon="CHECKMARK")
 
-    def _draw_connection(self, column: bpy.types.UILayout, output: OutputConfig) -> None:
+    def _draw_connection(
+        self, column: bpy.types.UILayout, item: object, output: OutputConfig
+    ) -> None:
         """Draw the fields of a serial port or network address, and of a server's devices."""
         from ...engine.rendering.device_config import (
             ButtplugEncoder,
@@ -231,14 +274,14 @@ class HFX_OT_live_connect(OfDevice):
         )
 
         if isinstance(output.transport, SerialTransport):
-            column.prop(self, "port", text="Serial Port", placeholder="Found by USB")
+            column.prop(item, "port", text="Serial Port", placeholder="Found by USB")
         else:
-            column.prop(self, "host", placeholder=output.transport.host or "Found by announcement")
-            column.prop(self, "port", placeholder=str(output.transport.port))
+            column.prop(item, "host", placeholder=output.transport.host or "Found by announcement")
+            column.prop(item, "port", placeholder=str(output.transport.port))
         if isinstance(output.encoder, VrcHapticsEncoder):
-            column.prop(self, "unit", placeholder="The only board")
-        elif isinstance(output.encoder, ButtplugEncoder) or self.unit:
-            column.prop(self, "unit", placeholder="First free device")
+            column.prop(item, "unit", placeholder="The only board")
+        elif isinstance(output.encoder, ButtplugEncoder) or item.unit:
+            column.prop(item, "unit", placeholder="First free device")
 
     def work(self, _context: bpy.types.Context) -> str:
         from ...devices.live.connection_search import search
@@ -303,8 +346,9 @@ class HFX_OT_live_find(MenuOperator, LiveOperator):
         if not self.which.isdecimal() or int(self.which) >= len(found):
             raise InputError("Press Find Devices first, and choose one.")
         device = found[int(self.which)]
+        more = tuple(live_settings.PortSettings(port, "", unit) for port, unit in device.more)
         settings = replace(
-            settings_of(device.device), kind="DEVICE", port=device.port, unit=device.unit
+            settings_of(device.device), kind="DEVICE", port=device.port, unit=device.unit, more=more
         )
         if device.device not in context.scene.hfx.devices:
             context.scene.hfx.devices.add().name = device.device

@@ -144,11 +144,11 @@ def _draw_device(
     detail = state.text or state.unit
     draw_text(context, box, f"{text}: {detail}" if detail else text, icon)
     device = live.device(item.name)
-    if device is not None and device.output is not None:
+    if device is not None:
         from ...devices.live.connection_search import NO_DEAD_MAN
         from ...engine.rendering.device_config import VrcHapticsEncoder
 
-        if isinstance(device.output.encoder, VrcHapticsEncoder):
+        if any(isinstance(output.encoder, VrcHapticsEncoder) for output in device.outputs):
             draw_text(context, box, NO_DEAD_MAN, "INFO")
     offset = f"Offset {live.offset_ms(item.name):g} ms"
     box.operator("hfx.live_offset", text=translated(offset), icon="TIME").name = item.name

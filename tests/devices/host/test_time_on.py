@@ -415,7 +415,7 @@ def test_motors_of_the_haptic_player_are_hardware_whichever_device_has_them():
         vest,
         id="front",
         actuators=vest.actuators[:20],
-        output=replace(vest.output, encoder=replace(vest.output.encoder, dots=dots[:20])),
+        outputs=(replace(vest.output, encoder=replace(vest.output.encoder, dots=dots[:20])),),
     )
     (whole,), (part,) = (identities(item, {"kind": "websocket"}) for item in (vest, half))
     assert whole.name == part.name and part.slots == whole.slots[:20]
@@ -423,9 +423,9 @@ def test_motors_of_the_haptic_player_are_hardware_whichever_device_has_them():
 
 def test_toys_of_equal_name_are_distinguished_by_the_server():
     how = ButtplugEncoder("", tuple((feature, "Vibrate") for feature in range(8)))
-    toy = replace(BAND, output=OutputConfig(how, WebsocketTransport("127.0.0.1", 12345)))
-    one, two = (identities(toy, {"kind": "websocket"}, label=index)[0] for index in "07")
-    copy = identities(replace(toy, id="copy"), {"kind": "websocket", "host": "::1"}, label="0")
+    toy = replace(BAND, outputs=(OutputConfig(how, WebsocketTransport("127.0.0.1", 12345)),))
+    one, two = (identities(toy, {"kind": "websocket"}, index)[0] for index in "07")
+    copy = identities(replace(toy, id="copy"), {"kind": "websocket", "host": "::1"}, "0")
     assert one.name != two.name and copy == (one,)
 
 

@@ -101,7 +101,7 @@ def test_each_device_of_a_buttplug_server_is_listed(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(buttplug, "devices_at", lambda host, port: served)
     how = ButtplugEncoder("Lush", ((0, "Vibrate"),))
     output = OutputConfig(how, WebsocketTransport("127.0.0.1", 12345))
-    actual = found_devices([replace(device(), output=output)], [])
+    actual = found_devices([replace(device(), outputs=(output,))], [])
     assert [entry.unit for entry in actual] == ["Lush (left)", "Lush #4", "Lush #5"]
     assert actual[0].description == "Lush (left) at a program on 127.0.0.1:12345"
 

@@ -34,7 +34,7 @@ def heat():
     return ActuatorType("element", "temperature", (control,), 0.0, 100.0)
 
 
-def device(*types, output=None, **facts):
+def device(*types, outputs=(), **facts):
     """Return a device with one actuator of each type, named a0, a1, ..."""
     actuators = tuple(Actuator(f"a{i}", kind, RoomPlace(())) for i, kind in enumerate(types))
     return DeviceConfig(
@@ -46,6 +46,6 @@ def device(*types, output=None, **facts):
         scheme=Scheme(),
         substitutions={},
         gain=1.0,
-        output=output,
+        outputs=outputs,
         **facts,
     )

@@ -55,7 +55,7 @@ def listener():
 
 def opened(listener, how, *types, **facts):
     output = OutputConfig(how, UdpTransport("127.0.0.1", listener.getsockname()[1]))
-    return open_output(device(*types, output=output, **facts), {"kind": "udp"})
+    return open_output(device(*types, outputs=(output,), **facts), {"kind": "udp"})
 
 
 def received(listener, datagrams=1):
@@ -154,4 +154,4 @@ def test_a_missing_listener_is_no_fault_and_a_closed_socket_is_lost(listener):
 def test_a_target_outside_the_private_network_is_refused(listener, target):
     output = OutputConfig(OscEncoder(("/a",), True, True), UdpTransport("127.0.0.1", 9000))
     with pytest.raises(OutputLostError):
-        open_output(device(heat(), output=output), {"kind": "udp", **target})
+        open_output(device(heat(), outputs=(output,)), {"kind": "udp", **target})

@@ -21,7 +21,7 @@ pytest.importorskip("serial")
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals are POSIX")
 
 FRAMES = BytesEncoder(b"\xaa\x55", "u8", 200, "none", b"", b"\xaa\x55\xff")
-MOTOR = device(vibration(fixed=True), output=OutputConfig(FRAMES, SerialTransport(115200)))
+MOTOR = device(vibration(fixed=True), outputs=(OutputConfig(FRAMES, SerialTransport(115200)),))
 STOPS = b"\xaa\x55\xff" * 3
 
 

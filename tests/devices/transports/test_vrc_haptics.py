@@ -99,7 +99,7 @@ def is_quick(monkeypatch):
 def worn(port):
     output = OutputConfig(VrcHapticsEncoder(), UdpTransport("", port))
     kind = vibration(fixed=True, maximum=10.0)
-    return device(kind, kind, output=output)
+    return device(kind, kind, outputs=(output,))
 
 
 def values(first, second):

@@ -159,7 +159,7 @@ def test_a_missing_server_is_reported():
 def bhaptics(server, *types, **facts):
     how = BhapticsEncoder((("ForearmL", 0), ("VestFront", 19)))
     output = OutputConfig(how, WebsocketTransport("127.0.0.1", server.port))
-    return open_output(device(*types, output=output, **facts), {"kind": "websocket"})
+    return open_output(device(*types, outputs=(output,), **facts), {"kind": "websocket"})
 
 
 def test_the_bhaptics_player_gets_frames_of_dots_and_is_turned_off(serve):
@@ -253,7 +253,7 @@ def intiface(ping_ms=0, version=4, name="Lovense Edge", devices=None):
 def lovense(server, name="Lovense"):
     how = ButtplugEncoder(name, ((0, "Vibrate"), (1, "Temperature")))
     output = OutputConfig(how, WebsocketTransport("127.0.0.1", server.port))
-    return open_output(device(TWO[0], heat(), output=output), {"kind": "websocket"})
+    return open_output(device(TWO[0], heat(), outputs=(output,)), {"kind": "websocket"})
 
 
 def received_of_kind(server, kind):
@@ -308,7 +308,7 @@ def lush(server, device_id="a", name="Lush", unit=""):
     how = ButtplugEncoder(name, ((0, "Vibrate"),))
     output = OutputConfig(how, WebsocketTransport("127.0.0.1", server.port))
     target = {"kind": "websocket", **({"unit": unit} if unit else {})}
-    return open_output(replace(device(TWO[0], output=output), id=device_id), target)
+    return open_output(replace(device(TWO[0], outputs=(output,)), id=device_id), target)
 
 
 def levels(server):
@@ -331,7 +331,7 @@ def test_a_server_scans_for_toys_until_the_search_ends(serve, monkeypatch):
     output = OutputConfig(ButtplugEncoder("Lush", ((0, "Vibrate"),)), WebsocketTransport("x", 1))
     address = LiveSettings("DEVICE", host="127.0.0.1", port=str(server.port))
     search = connection_search.ConnectionSearch()
-    search.start(device(vibration(), output=output), address)
+    search.start(device(vibration(), outputs=(output,)), address)
     toys = (("Lush (left)", ""),)
     server.wait(lambda: search.newest is not None and search.newest.units == toys)
     assert search.newest.hint == ""
@@ -557,7 +557,7 @@ def test_a_confirmed_stop_is_closed_without_a_word(serve):
 def bhaptics_at(port):
     how = BhapticsEncoder((("VestFront", 0), ("VestFront", 1)))
     output = OutputConfig(how, WebsocketTransport("127.0.0.1", port))
-    return open_output(device(*TWO, output=output), {"kind": "websocket"})
+    return open_output(device(*TWO, outputs=(output,)), {"kind": "websocket"})
 
 
 def test_an_unread_stop_of_the_bhaptics_player_is_reported(monkeypatch):

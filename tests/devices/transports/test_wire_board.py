@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 OUTPUT = OutputConfig(WireEncoder(), SerialTransport(115200))
-TWO = device(vibration(fixed=True), vibration(maximum=20.0), output=OUTPUT)
+TWO = device(vibration(fixed=True), vibration(maximum=20.0), outputs=(OUTPUT,))
 HALF = np.array([5.0, 175.0, 10.0, 80.0])
 
 
