@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 
 from ...blender.translation import translated
-from ...engine.arrays import F32, I32, U8
+from ...engine.arrays import F32, I32
 
 if TYPE_CHECKING:
     import gpu
@@ -148,16 +149,28 @@ class _OnCard:
         self._sent.clear()
 
 
+@cache
+def _skin_format() -> gpu.types.GPUVertFormat:
+    """Format of a skin's vertices; colours of bytes become 0..1 in the shader."""
+    import gpu
+
+    layout = gpu.types.GPUVertFormat()
+    layout.attr_add(id="pos", comp_type="F32", len=3, fetch_mode="FLOAT")
+    layout.attr_add(id="normal", comp_type="F32", len=3, fetch_mode="FLOAT")
+    layout.attr_add(id="colour", comp_type="U8", len=4, fetch_mode="INT_TO_FLOAT_UNIT")
+    return layout
+
+
 def _skin_batch(layer: Layer) -> gpu.types.GPUBatch:
     """Batch of a layer's triangles, with positions, normals and colours of its vertices."""
     import gpu
 
-    batch = gpu.types.GPUBatch(
-        type="TRIS", buf=_column("pos", layer.positions), elem=_indices[layer.shown.triangles]
-    )
-    batch.vertbuf_add(_column("normal", layer.normals))
-    batch.vertbuf_add(_column("colour", layer.shown.colours))
-    return batch
+    # A buffer for all attributes: each buffer costs more than its content.
+    vertices = gpu.types.GPUVertBuf(_skin_format(), len(layer.positions))
+    vertices.attr_fill("pos", layer.positions)
+    vertices.attr_fill("normal", layer.normals)
+    vertices.attr_fill("colour", layer.shown.colours)
+    return gpu.types.GPUBatch(type="TRIS", buf=vertices, elem=_indices[layer.shown.triangles])
 
 
 def _index_buffer(triangles: I32) -> gpu.types.GPUIndexBuf:
@@ -166,13 +179,12 @@ def _index_buffer(triangles: I32) -> gpu.types.GPUIndexBuf:
     return gpu.types.GPUIndexBuf(type="TRIS", seq=triangles)
 
 
-def _column(name: str, values: F32 | U8) -> gpu.types.GPUVertBuf:
-    """Vertex buffer of one attribute, filled in one copy; bytes become 0..1 in the shader."""
+def _column(name: str, values: F32) -> gpu.types.GPUVertBuf:
+    """Vertex buffer of one attribute, filled in one copy."""
     import gpu
 
     layout = gpu.types.GPUVertFormat()
-    kinds = ("U8", "INT_TO_FLOAT_UNIT") if values.dtype == np.uint8 else ("F32", "FLOAT")
-    layout.attr_add(id=name, comp_type=kinds[0], len=values.shape[1], fetch_mode=kinds[1])
+    layout.attr_add(id=name, comp_type="F32", len=values.shape[1], fetch_mode="FLOAT")
     buffer = gpu.types.GPUVertBuf(layout, len(values))
     buffer.attr_fill(name, values)
     return buffer
@@ -210,8 +222,8 @@ _discs = _OnCard(_disc_batches, 32)
 
 def forget() -> None:
     """Free the memory on the graphics card."""
-    for cache in (_skins, _indices, _discs):
-        cache.forget()
+    for sent in (_skins, _indices, _discs):
+        sent.forget()
 
 
 def free_part(area: bpy.types.Area, region: bpy.types.Region) -> tuple[float, float]:

@@ -119,33 +119,39 @@ _VERTICES_STAY_FIRST = frozenset({"SUBSURF", "MULTIRES", "SOLIDIFY", "MIRROR", "
 
 
 class DisplayedSkin:
-    """Evaluated mesh at the current frame, copied from Blender.
+    """Evaluated mesh at the current frame, copied from Blender by :meth:`read`.
 
     Attributes: ``size``, number of vertices before modifiers add more; ``positions`` and
     ``normals`` (V, 3) float32, mesh space, Blender's units, the mesh's own vertices first;
-    ``world``, matrix from mesh space to world.
+    ``world``, matrix from mesh space to world. The next frame overwrites the arrays.
     """
 
-    def __init__(self, evaluated: bpy.types.Object, size: int) -> None:
+    def __init__(self) -> None:
+        self.size = 0
+        self.world = Matrix()
+        self.positions = self.normals = np.empty((0, 3), np.float32)
+
+    def read(self, evaluated: bpy.types.Object, size: int) -> None:
+        """Copy the present state of an evaluated object, into the same arrays where V stays."""
         data = evaluated.data
-        self.size = size
-        count = len(data.vertices)
-        positions, normals = np.empty(count * 3, np.float32), np.empty(count * 3, np.float32)
-        data.attributes["position"].data.foreach_get("vector", positions)
-        data.vertex_normals.foreach_get("vector", normals)
-        self.positions, self.normals = positions.reshape(-1, 3), normals.reshape(-1, 3)
-        self.world = evaluated.matrix_world.copy()
+        if len(self.positions) != len(data.vertices):
+            # New arrays in each frame would cost more than the copy: their memory pages are new.
+            self.positions, self.normals = np.empty((2, len(data.vertices), 3), np.float32)
+        self.size, self.world = size, evaluated.matrix_world.copy()
+        data.attributes["position"].data.foreach_get("vector", self.positions.ravel())
+        data.vertex_normals.foreach_get("vector", self.normals.ravel())
 
 
 class DisplayedSkins:
-    """Displayed skins by mesh, cached until a change."""
+    """Displayed skins by mesh, each read at most once between two changes."""
 
     def __init__(self) -> None:
         self._known: dict[str, DisplayedSkin] = {}
+        self._current: set[str] = set()  # names of the meshes read since the last change
 
     def invalidate(self) -> None:
-        """Empty the cache."""
-        self._known.clear()
+        """Read each mesh again on its next use."""
+        self._current.clear()
 
     def of(self, mesh: bpy.types.Object, graph: bpy.types.Depsgraph) -> DisplayedSkin | None:
         """Skin of a mesh; None while the mesh is hidden or in another mode than Object Mode.
@@ -156,14 +162,15 @@ class DisplayedSkins:
         if not mesh.visible_get() or mesh.mode != "OBJECT":
             return None
         key = mesh.name_full
-        if key not in self._known:
+        if key not in self._current:
             size = len(mesh.data.vertices)
             evaluated = mesh.evaluated_get(graph)
             count = len(evaluated.data.vertices)
             types = {m.type for m in mesh.modifiers if m.show_viewport} - {"ARMATURE"}
             if count < size or (count > size and not types <= _VERTICES_STAY_FIRST):
                 evaluated = mesh  # fall back to the mesh before modifiers
-            self._known[key] = DisplayedSkin(evaluated, size)
+            self._known.setdefault(key, DisplayedSkin()).read(evaluated, size)
+            self._current.add(key)
         return self._known[key]
 
 

@@ -88,6 +88,33 @@ def test_colours_lie_over_a_surface_that_a_modifier_has_rounded(scene: Any) -> N
     assert max(heights) < 0.01
 
 
+def test_a_skin_is_read_after_each_change_into_the_same_memory(scene: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add(size=2.0)
+    cube, skins = bpy.context.object, DisplayedSkins()
+    graph = bpy.context.evaluated_depsgraph_get()
+    skin = skins.of(cube, graph)
+    assert skin is not None
+    positions = skin.positions
+    assert float(positions[:, 2].max()) == 1.0, "half of the size"
+    cube.modifiers.new("Moved", "DISPLACE").strength = 3.0**0.5  # 1 along each axis
+    bpy.context.view_layer.update()
+    assert skins.of(cube, graph) is skin
+    assert float(positions[:, 2].max()) == 1.0, "once between two changes"
+    skins.invalidate()
+    moved = skins.of(cube, bpy.context.evaluated_depsgraph_get())
+    assert moved is not None
+    # New memory in each frame costs more than the copy.
+    assert moved.positions is positions
+    assert float(positions[:, 2].max()) == pytest.approx(1.5, abs=1e-6), "from the middle level"
+    cube.modifiers.clear()
+    cube.modifiers.new("Finer", "SUBSURF").levels = 1
+    bpy.context.view_layer.update()
+    skins.invalidate()
+    finer = skins.of(cube, bpy.context.evaluated_depsgraph_get())
+    assert finer is not None
+    assert len(finer.positions) == len(finer.normals) == 8 + 12 + 6, "corners, edges, faces"
+
+
 @pytest.fixture
 def touch(scene: Any) -> Any:
     bpy.ops.hfx.add_avatar()

@@ -13,10 +13,9 @@ from typing import Any
 
 import bpy
 import hands
-import numpy as np
 
 MOST = 1.1
-TURNS = 2
+TURNS = 5
 FRAMES = 24
 
 
@@ -44,7 +43,8 @@ def steps(h: Any) -> Iterator[float]:
             cost_s = yield from frame_s(h)
             costs_s[is_shown].append(cost_s)
             h.shot(f"{'colours' if is_shown else 'plain'}.png")
-    shown_s, plain_s = (float(np.median(costs_s[is_shown])) for is_shown in (True, False))
+    # Least of several turns: whatever else a machine does only lengthens one.
+    shown_s, plain_s = (min(costs_s[is_shown]) for is_shown in (True, False))
     figures = f"{1000 * shown_s:.1f} ms with, {1000 * plain_s:.1f} ms without"
     h.check(shown_s <= MOST * plain_s, f"{shown_s / plain_s:.2f} times as much: {figures}")
 
