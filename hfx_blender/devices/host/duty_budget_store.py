@@ -97,6 +97,8 @@ def identities(
     ):
         ids = [actuator.id for actuator in part.actuators]
         for identity in _identities_of_part(part, part_target, *labels[number : number + 1]):
+            # A slot of its own for each other actuator: a common one would be on whenever any of
+            # them is.
             own = dict(zip(ids, identity.slots, strict=True))
             slots = tuple(own.get(x.id, f"elsewhere {x.id}") for x in device.actuators)
             identities.append(identity._replace(slots=slots))

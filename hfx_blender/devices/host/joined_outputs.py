@@ -48,6 +48,8 @@ class JoinedOutputs:
 
     def send(self, values: F64) -> None:
         """Send values (columns,) of the whole device; OutputLostError with the output's number."""
+        # An exception ends the loop: the device thread then stops all outputs, also those that have
+        # taken the new values.
         for number, (columns, output) in enumerate(zip(self._columns, self._outputs, strict=True)):
             _named(number, partial(output.send, values[columns]))
 

@@ -121,6 +121,7 @@ def _joined(device: DeviceConfig, ports: list[FoundPort]) -> list[Found]:
     chosen: list[Found] = []
     for part in device.parts:
         taken = [(match.port, match.unit) for match in chosen if match.port or match.unit]
+        # Two boards with equal USB ids differ by port or serial number.
         free = [x for x in found_devices([part], ports) if (x.port, x.unit) not in taken]
         chosen += free[:1]
     if len(chosen) < len(device.parts):

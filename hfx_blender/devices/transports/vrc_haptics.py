@@ -104,6 +104,8 @@ def announced(search_s: float) -> list[Board]:
             listener.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
         while (left_s := until - time.monotonic()) > 0.0:
             listener.settimeout(left_s)
+            # Several boards may announce themselves, each once a second: the search goes on until
+            # its end, and the newest announcement of a board counts.
             with suppress(OSError):  # the time is over
                 content, sender = listener.recvfrom(_MOST_BYTES + 1)
                 board = board_of(content, sender[0])
@@ -207,6 +209,7 @@ class VrcHapticsOutput:
     def _await_answer(self, before: bytes = b"") -> bool:
         """Send ``before`` and a ping every 0.1 s until the board answers; False after
         :data:`ANSWER_S`, or if the network is lost."""
+        # Answers to earlier pings prove nothing about the zeros that follow.
         self._receive()
         self._has_answered = False
         until = time.monotonic() + ANSWER_S
