@@ -36,6 +36,8 @@ def main() -> int:
     names = arguments.journey or sorted(path.stem for path in JOURNEYS.glob("*.py"))
     files = [_journey(name) for name in names]
     failed = []
+    if arguments.pictures:
+        arguments.pictures.mkdir(parents=True, exist_ok=True)
     with _display(arguments) as display:
         for file in files:
             out = arguments.out / file.stem
