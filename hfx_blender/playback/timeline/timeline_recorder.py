@@ -56,8 +56,8 @@ class TimelineRecorder:
 
     @property
     def valid(self) -> TimelineRecord | None:
-        """Newest record; None after an edit."""
-        return self.result if self.is_fresh else None
+        """Newest record; None after an edit, and while received values replace the scene's."""
+        return self.result if self.is_fresh and not evaluation.overrides else None
 
     def invalidate(self) -> None:
         """Mark the record as outdated and stop recording; recording resumes after

@@ -24,6 +24,7 @@ from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live.body_tracking import body_tracking
 from hfx_blender.playback.live.listening import listening
 from hfx_blender.playback.live.live import live
+from hfx_blender.playback.timeline.timeline_recorder import recorder
 
 
 def free_port() -> int:
@@ -74,7 +75,11 @@ def test_values_are_shown_at_once(port: int, monkeypatch: pytest.MonkeyPatch) ->
     drawn: list[str] = []
     monkeypatch.setattr("hfx_blender.playback.live.listening.redraw", drawn.append)
     send(port, "/hfx/effect/Rain%20Drops/intensity", 0.25)
+    recorder.update_now(bpy.context.scene)
     until(lambda: drawn == ["VIEW_3D"])
+    assert recorder.valid is None  # the record has the values of the scene
+    listening.stop()
+    assert recorder.valid is not None
 
 
 def test_values_replace_those_of_the_scene_without_a_change_of_the_file(port: int) -> None:
