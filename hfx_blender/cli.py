@@ -40,7 +40,7 @@ class _Parser(argparse.ArgumentParser):
 
 def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     """Build the parser of all commands available in this installation."""
-    from .commands import convert, device, doctor, export, info, play, sound, validate
+    from .commands import doctor, export
 
     parser = _Parser(
         prog=prog,
@@ -50,11 +50,12 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"hfx {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    demo, body, texture, bench = map(left_out.module, ("demo", "body", "texture", "bench"))
-    for module in (
-        *(demo, export, sound, info, validate, convert, play),
-        *(body, device, texture, bench, doctor),
+    own = {"export": export, "doctor": doctor}
+    for name in (
+        *("demo", "export", "sound", "info", "validate", "convert", "play"),
+        *("body", "device", "texture", "bench", "doctor"),
     ):
+        module = own.get(name) or left_out.module(name)
         if module is not None:
             module.add_parser(commands)
     return parser

@@ -18,7 +18,10 @@ from typing import Final
 from ..errors import UsageError
 
 PACKAGE: Final = "hfx_tools"
-_COMMANDS: Final = ("demo", "body", "bench", "texture")
+_COMMANDS: Final = (
+    *("demo", "sound", "info", "validate", "convert", "play"),
+    *("body", "device", "texture", "bench"),
+)
 
 
 def module(name: str) -> ModuleType | None:

@@ -30,6 +30,5 @@ overlapping       work in a thread while its input is produced
 evaluate          evaluation of animation blocks: top level of the engine
 track             haptic track on disk: the output
 rendering         samples and tracks as rasters of a device's actuators
-spatial_sound     volumes as sound sources around a listener
 colouring         samples as colours of an avatar
 """

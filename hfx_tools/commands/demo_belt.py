@@ -18,15 +18,15 @@ def run(options: argparse.Namespace, console: Console) -> int:
     bpy = blender_session.start()
 
     from hfx_blender.devices.configuration import load_device
-    from hfx_blender.engine.spatial_sound.loudspeakers import LAYOUTS
     from hfx_blender.engine.track import TrackReader
     from hfx_blender.export.scene_export import ExportSettings, export_scene
-    from hfx_blender.export.scene_sound import SoundSettings, write_sound
-    from hfx_blender.formats.sound.wav import SOUND_SUFFIX
 
     from ..demo import belt
     from ..demo.demo_charts import draw_belt
     from ..demo.scene_file import build_and_open
+    from ..spatial_sound.loudspeakers import LAYOUTS
+    from ..spatial_sound.scene_sound import SoundSettings, write_sound
+    from ..spatial_sound.sound_file import SOUND_SUFFIX
     from ..track_rendering import render_devices
 
     folder: Path = options.output

@@ -12,7 +12,7 @@ from math import pi
 
 import bpy
 
-from hfx_blender.engine.spatial_sound.hearing import Hearing
+from ..spatial_sound.hearing import Hearing
 
 FPS = 30
 DURATION_S = 8.0

@@ -13,11 +13,11 @@ from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.colouring import COLOURS
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.scene import TimeBase
-from hfx_blender.engine.spatial_sound.loudspeakers import LoudspeakerLayout
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.text import printable
 
 from ..charts import chart
+from ..spatial_sound.loudspeakers import LoudspeakerLayout
 
 _WIDTH: Final = 1150
 _ROW: Final = 46

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.commands.conversion import convert
 from hfx_blender.devices import script_rendering
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import approval
@@ -36,6 +35,7 @@ from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader,
 from hfx_blender.errors import ScriptError
 from hfx_blender.export.batch import journal
 from hfx_blender.files import resources
+from hfx_tools.commands.conversion import convert
 from hfx_tools.track_rendering import render_devices
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from hfx_blender.engine.spatial_sound.hearing import (
+from hfx_blender.errors import UsageError
+from hfx_blender.formats.sound import wav
+from hfx_tools.spatial_sound import sound_file
+from hfx_tools.spatial_sound.hearing import (
     Hearing,
     absorption_db_m,
     doppler_hz,
 )
-from hfx_blender.engine.spatial_sound.loudspeakers import (
+from hfx_tools.spatial_sound.loudspeakers import (
     LAYOUTS,
     SCHEMES,
     LoudspeakerLayout,
@@ -24,9 +27,7 @@ from hfx_blender.engine.spatial_sound.loudspeakers import (
     Scheme,
     parse,
 )
-from hfx_blender.engine.spatial_sound.spatial_mix import Reverberators, SoundSource, SpatialMix
-from hfx_blender.errors import UsageError
-from hfx_blender.formats.sound import wav
+from hfx_tools.spatial_sound.spatial_mix import Reverberators, SoundSource, SpatialMix
 
 RASTER_HZ = Fraction(100)
 RATE_HZ = 8000
@@ -205,7 +206,7 @@ def test_the_file_is_read_by_others_and_is_as_long_as_the_raster(tmp_path: Path)
         return SpatialMix(sources, panner, wet, RASTER_HZ, 48_000).blocks(count)
 
     path = tmp_path / "belt.sound.wav"
-    gain = wav.write_sound(blocks, layout, path, count=count, start_s=1.5)
+    gain = sound_file.write_sound(blocks, layout, path, count=count, start_s=1.5)
     assert gain < 1.0
     rate, read = wavfile.read(path)
     assert rate == 48_000 and read.shape == (count, 8)
@@ -222,7 +223,7 @@ def test_the_file_is_read_by_others_and_is_as_long_as_the_raster(tmp_path: Path)
 def test_odd_sizes_are_padded(tmp_path: Path) -> None:
     """3 channels of 5 samples of 24 bits are 45 bytes; RIFF chunks have even sizes."""
     path, silence = tmp_path / "x.sound.wav", np.zeros((5, 3))
-    wav.write_sound(lambda: iter([silence]), parse("30,-30,110"), path, count=5, start_s=0.0)
+    sound_file.write_sound(lambda: iter([silence]), parse("30,-30,110"), path, count=5, start_s=0.0)
     content = path.read_bytes()
     assert len(content) % 2 == 0 and int.from_bytes(content[4:8], "little") == len(content) - 8
     assert wavfile.read(path)[1].shape == (5, 3)

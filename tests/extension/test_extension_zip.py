@@ -150,7 +150,7 @@ def test_left_out_commands_say_where_they_are(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(left_out, "PACKAGE", "hfx_blender.nowhere")
-    for command in ("demo", "body", "bench", "texture"):
+    for command in ("demo", "info", "play", "bench", "texture"):
         assert cli.run([command, "--json"]) == 2
         assert f"'{command}' is not part of the extension" in capsys.readouterr().err
 

@@ -20,8 +20,6 @@ from format_cases import raster_for, signal
 from test_hjif import BEAT, sample, track_of
 
 from hfx_blender import cli
-from hfx_blender.commands import conversion
-from hfx_blender.commands.conversion import convert
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.model import PerceptualModel, load
@@ -40,6 +38,8 @@ from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import FrequencyRange, Piece, Signal, mixed
 from hfx_blender.formats.writing import write_signals
+from hfx_tools.commands import conversion
+from hfx_tools.commands.conversion import convert
 
 MOST_BYTES = 24 << 20  # limit of a refusal
 

@@ -13,7 +13,6 @@ from format_cases import RANGE, raster_for, signal
 from test_hjif import BEAT, track_of
 
 from hfx_blender import cli
-from hfx_blender.commands.conversion import convert
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.formats import files, writing
@@ -31,6 +30,7 @@ from hfx_blender.formats.signals.signals import (
     simplified_signals,
 )
 from hfx_blender.formats.sound import wav
+from hfx_tools.commands.conversion import convert
 
 ENVELOPES = ["ahap", "haptic", "he", "he1", "openharmony", "openxr"]
 

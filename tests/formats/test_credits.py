@@ -9,8 +9,8 @@ import pytest
 from test_hjif_foreign import channel_with
 
 from hfx_blender import cli
-from hfx_blender.commands.conversion import convert
 from hfx_blender.files.strict_json import encoded
+from hfx_tools.commands.conversion import convert
 
 METADATA = {
     "editor": "Studio",

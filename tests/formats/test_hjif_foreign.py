@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from test_hjif import at, basis, sample
 
-from hfx_blender.commands.conversion import convert
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats.files import facts_of
@@ -22,6 +21,7 @@ from hfx_blender.formats.hjif import (
 )
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.sound.waveforms import Waveform, piece_of
+from hfx_tools.commands.conversion import convert
 
 RATE = 8000
 DIGITS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"

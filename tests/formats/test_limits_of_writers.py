@@ -14,7 +14,6 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from test_hjif import track_of
 
-from hfx_blender.commands.played_clip import PlayedClip
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.files import limits
@@ -23,6 +22,7 @@ from hfx_blender.formats import writing
 from hfx_blender.formats.files import format_of, validate, without_invalid_files
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.registry import FORMATS
+from hfx_tools.commands.played_clip import PlayedClip
 
 DEVICE = load_device("phone_lra")  # one vibration actuator: 2 columns and the times
 OF_DEVICES = tuple(id for id in FORMATS if id not in ("track", "glb"))

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from format_cases import RANGE, raster_for, signal
 
-from hfx_blender.commands import conversion
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.conditioning.frequency import Partial
 from hfx_blender.errors import InputError
@@ -28,6 +27,7 @@ from hfx_blender.formats.signals import losses, signals
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient
 from hfx_blender.formats.signals.simplified_writer import error_note
+from hfx_tools.commands import conversion
 
 DEVICE = load_device("phone_lra")
 ITS_HZ = DEVICE.actuators[0].type.controls[1].neutral

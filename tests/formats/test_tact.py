@@ -11,7 +11,6 @@ import pytest
 from format_cases import raster_for, signal, signals
 from hypothesis import given, settings
 
-from hfx_blender.commands.conversion import convert
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.rendering.device_config import BhapticsEncoder
 from hfx_blender.errors import InputError
@@ -20,6 +19,7 @@ from hfx_blender.formats import writing
 from hfx_blender.formats.device_files import tact
 from hfx_blender.formats.device_files.tact_layouts import Motor, motors_of
 from hfx_blender.formats.rasters import npz_raster
+from hfx_tools.commands.conversion import convert
 
 BACK = Motor("Vest", "VestBack", 0)
 

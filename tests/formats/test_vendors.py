@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from hfx_blender import cli
-from hfx_blender.commands.conversion import convert
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import files
@@ -21,6 +20,7 @@ from hfx_blender.formats.device_files import (
     he_rules,
     tact,
 )
+from hfx_tools.commands.conversion import convert
 
 
 def errors(findings):

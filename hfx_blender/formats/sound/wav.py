@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Multichannel WAV of a raster, a channel per vibration actuator, and of spatial sound.
+"""Multichannel WAV of a raster, a channel per vibration actuator.
 
 Each channel of a raster is a wave with amplitude and frequency linear between raster rows; the
 phase is the exact integral of the frequency and thus continuous. An actuator with waveform output
 plays the sum of a wave per effect, of the shape named by the actuator type. A file ends in silence,
-faded over the last row. Spatial sound has a channel per loudspeaker, in step with rasters.
+faded over the last row.
 """
 
 from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -34,7 +34,6 @@ from ...engine.rendering.conditioning.waveform import (
 )
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
-from ...engine.spatial_sound.loudspeakers import LoudspeakerLayout
 from ...errors import InputError
 from ...files.atomic import atomic_file
 from ..registry import FORMATS
@@ -51,13 +50,8 @@ _PCM, _EXTENSIBLE = 1, 0xFFFE
 # Tail of KSDATAFORMAT_SUBTYPE_PCM, after the number of the format.
 _SUBTYPE_TAIL = bytes.fromhex("000000001000800000aa00389b71")
 _MAX_CHANNELS = 65_535
-_MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
+MAX_BYTES = 2**32 - 1024  # RIFF counts in 32 bits
 BLOCK_SAMPLES = 1 << 18  # over all channels
-SOUND_SUFFIX: Final = ".sound.wav"
-_SOUND_BITS: Final = 24
-_HIGHEST: Final = 0.98  # largest peak, a share of full scale
-_CACHED: Final = 1 << 26
-"""Most samples over all channels to cache; longer sound is rendered twice, for peak and file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +84,13 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
     channel_count = len(drives[0].actuators)
     count = sample_count(len(raster.values), raster.rate_hz, rate_hz)
     data_bytes = count * channel_count * _BITS // 8
-    if data_bytes > _MAX_BYTES or channel_count > _MAX_CHANNELS:
+    if data_bytes > MAX_BYTES or channel_count > _MAX_CHANNELS:
         raise InputError(
             f"{path}: {channel_count} channels of {count / rate_hz:.0f} s are "
             f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter "
             "range, or as CSV."
         )
-    _write_sidecar(
+    write_sidecar(
         path,
         {
             "format": "hfx-wav-channels",
@@ -305,7 +299,7 @@ def head(bits: int, channel_count: int, rate_hz: int, sample_count: int) -> byte
     return b"RIFF" + struct.pack("<I", riff_bytes) + b"WAVE" + chunks
 
 
-def _write_sidecar(path: Path, channels: dict[str, Any]) -> None:
+def write_sidecar(path: Path, channels: dict[str, Any]) -> None:
     """Write the channel list ``channels`` as JSON next to the WAV file ``path``."""
     with atomic_file(path.with_name(path.name + SIDECAR_SUFFIX)) as file:
         file.write(json.dumps(channels, indent=2).encode() + b"\n")
@@ -314,64 +308,3 @@ def _write_sidecar(path: Path, channels: dict[str, Any]) -> None:
 def sample_count(rows: int, raster_hz: Fraction, rate_hz: int = RATE_HZ) -> int:
     """Samples of ``rows`` raster rows at ``rate_hz``, rounded up; the last row counts in full."""
     return int(-(-rows * rate_hz // raster_hz))
-
-
-def refuse_large(layout: LoudspeakerLayout, path: Path, *, count: int) -> int:
-    """Bytes of ``count`` samples in 24 bits for all channels; InputError beyond 4 GiB."""
-    data_bytes = count * len(layout) * _SOUND_BITS // 8
-    if data_bytes > _MAX_BYTES:
-        raise InputError(
-            f"{path}: {len(layout)} channels of {count / RATE_HZ:.0f} s are "
-            f"{data_bytes / 2**30:.1f} GiB, a WAV file holds 4 GiB at most; export a shorter range."
-        )
-    return data_bytes
-
-
-def write_sound(
-    blocks: Callable[[], Iterator[F64]],
-    layout: LoudspeakerLayout,
-    path: Path,
-    *,
-    count: int,
-    start_s: float,
-) -> float:
-    """Write sound with 24 bits and its channel list, and return the gain applied to all samples.
-
-    The gain is 1 or less: a peak above 0.98 of full scale is reduced to 0.98. ``blocks`` starts the
-    rendering and yields samples (n, C), ``count`` in total; it is called twice for long sound. The
-    channel list is ``path.channels.json``; ``start_s`` is the first sample's time in the scene.
-    Raises InputError beyond 4 GiB, OutputError for an unwritable file; no partial file remains.
-    """
-    data_bytes = refuse_large(layout, path, count=count)
-    # The gain depends on the largest peak, so the sound is rendered before it is written.
-    cached: list[npt.NDArray[np.float32]] | None = [] if count * len(layout) <= _CACHED else None
-    peak = 0.0
-    for block in blocks():
-        peak = max(peak, float(np.abs(block).max(initial=0.0)))
-        if cached is not None:
-            cached.append(block.astype(np.float32))
-    # A gain for the whole sound keeps the balance between loudspeakers and over time.
-    gain = min(1.0, _HIGHEST / peak) if peak > 0.0 else 1.0
-    angles = zip(layout.azimuths_deg, layout.elevations_deg, strict=True)
-    _write_sidecar(
-        path,
-        {
-            "format": "hfx-sound-channels",
-            "version": 1,
-            "rate_hz": RATE_HZ,
-            "start_s": start_s,
-            "layout": layout.name,
-            "gain": gain,
-            "channels": [
-                {"channel": k, "azimuth_deg": azimuth, "elevation_deg": elevation}
-                for k, (azimuth, elevation) in enumerate(angles)
-            ],
-        },
-    )
-    with atomic_file(path) as file:
-        file.write(head(_SOUND_BITS, len(layout), RATE_HZ, count))
-        again = blocks() if cached is None else (part.astype(np.float64) for part in cached)
-        for block in again:
-            file.write(encoded(block * gain, _SOUND_BITS))
-        file.write(b"\0" * (data_bytes % 2))
-    return gain

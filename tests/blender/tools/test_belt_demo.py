@@ -16,15 +16,15 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.renderer import Renderer
-from hfx_blender.engine.spatial_sound.loudspeakers import LAYOUTS, parse
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.export import scene_sound
-from hfx_blender.export.scene_sound import SoundRecorder, SoundSettings, write_sound
 from hfx_blender.files import limits
 from hfx_blender.formats.sound import wav
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_tools.demo import belt, demo_charts
+from hfx_tools.spatial_sound.loudspeakers import LAYOUTS, parse
+from hfx_tools.spatial_sound.scene_sound import SoundRecorder, SoundSettings, write_sound
 
 
 def test_the_scene_holds_a_walker_with_a_belt_and_a_swarm(registered: Any) -> None:
@@ -133,7 +133,7 @@ def test_sound_that_no_file_holds_is_refused_before_it_is_made(
 
 def test_options_of_the_sound_that_make_no_sense_are_wrong_usage() -> None:
     from hfx_blender.cli import build_parser
-    from hfx_blender.commands.sound import settings_of
+    from hfx_tools.commands.sound import settings_of
 
     parser = build_parser()
     for arguments in (

@@ -14,7 +14,7 @@ from live_process import BAND
 
 from hfx_blender import cli
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.game_door import GameDoor
+from hfx_tools.commands.game_door import GameDoor
 
 TOKEN = bytes(range(16))
 COLUMNS = 16  # amplitude and frequency of eight motors

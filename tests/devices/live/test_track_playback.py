@@ -199,7 +199,7 @@ SERIAL = {
 
 def test_followed_clip_is_silent_while_the_clock_stands_and_jumps_over_what_lies_between() -> None:
     # Rows at 10 Hz with a strong one at 3.0 s, which a jump from 1 s to 5 s must not play.
-    from hfx_blender.commands.played_clip import PlayedClip, _Rows
+    from hfx_tools.commands.played_clip import PlayedClip, _Rows
 
     clip = PlayedClip.__new__(PlayedClip)
     clip._rate_hz, clip._last, clip.start_s, clip.end_s, clip._shown = 10.0, 99, 0.0, 10.0, None

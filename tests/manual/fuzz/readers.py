@@ -18,9 +18,6 @@ from pathlib import Path
 from hfx_blender import cli
 from hfx_blender.authoring.effects import effect_file
 from hfx_blender.authoring.paths import path_file
-from hfx_blender.commands.conversion import convert
-from hfx_blender.commands.info import facts_of_report
-from hfx_blender.commands.played_clip import PlayedClip
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations import imported_layouts
 from hfx_blender.devices.configurations.configuration_reader import device_from
@@ -41,6 +38,9 @@ from hfx_blender.formats.pictures import png, point_cloud, texture_map
 from hfx_blender.formats.rasters import csv_raster, npz_raster
 from hfx_blender.formats.registry import FORMATS, FormatInfo
 from hfx_blender.generation.picture_folder import prompt_of
+from hfx_tools.commands.conversion import convert
+from hfx_tools.commands.info import facts_of_report
+from hfx_tools.commands.played_clip import PlayedClip
 
 Reader = Callable[[bytes], None]
 

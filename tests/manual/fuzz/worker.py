@@ -34,7 +34,7 @@ if atheris:
             "hfx_blender.authoring.effects.response_recipes",
             "hfx_blender.export.batch.units",
             "hfx_blender.export.batch.journal",
-            "hfx_blender.commands.info",
+            "hfx_tools.commands.info",
             "hfx_blender.devices",
             "hfx_blender.engine.body.model",
             "hfx_blender.engine.track",

@@ -9,15 +9,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from ..blender.scene_info import fps_of
-from ..errors import InputError, refuse_no_file
-from ..export.result_files import listed
-from ..files import kinds, limits
-from ..files.json_shapes import PRINTABLE, Anything, Items, Number, Record, Table, Text, read
-from ..processes import blender_session
-from ..text import printable
-from .arguments import add_json, add_largest
-from .console import Console
+from hfx_blender.blender.scene_info import fps_of
+from hfx_blender.commands.arguments import add_json, add_largest
+from hfx_blender.commands.console import Console
+from hfx_blender.errors import InputError, refuse_no_file
+from hfx_blender.export.result_files import listed
+from hfx_blender.files import kinds, limits
+from hfx_blender.files.json_shapes import (
+    PRINTABLE,
+    Anything,
+    Items,
+    Number,
+    Record,
+    Table,
+    Text,
+    read,
+)
+from hfx_blender.processes import blender_session
+from hfx_blender.text import printable
 
 _REPORT_SUFFIX: Final = ".report.json"
 _LISTS: Final = ("felt", "effects", "unrendered", "warnings", "notes")
@@ -47,7 +56,7 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Print the facts of a file, as text or JSON; returns 0. InputError for an unknown suffix."""
-    from ..formats.files import facts_of, is_known
+    from hfx_blender.formats.files import facts_of, is_known
 
     readers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
@@ -74,8 +83,8 @@ def _blend(path: Path) -> dict[str, Any]:
     blender_session.open_blend(path)
     import bpy
 
-    from ..authoring.effects.effects import bodies_of, effects_of
-    from ..reading.description.activation import activation_of
+    from hfx_blender.authoring.effects.effects import bodies_of, effects_of
+    from hfx_blender.reading.description.activation import activation_of
 
     return {
         "file": str(path),
@@ -105,8 +114,8 @@ def _blend(path: Path) -> dict[str, Any]:
 def _where(effect: Any) -> dict[str, Any]:
     """Facts about the area of an effect: painted vertices; path in metres and radius in Blender
     units; device and actuators; or the shape."""
-    from ..authoring.effects.effects import area
-    from ..authoring.paths import paths
+    from hfx_blender.authoring.effects.effects import area
+    from hfx_blender.authoring.paths import paths
 
     hfx = effect.hfx
     if hfx.kind == "PAINTED":
@@ -119,9 +128,9 @@ def _where(effect: Any) -> dict[str, Any]:
 
 
 def _track(path: Path) -> dict[str, Any]:
-    from ..engine.areas.felt_times import FeltTimes
-    from ..engine.track import TrackReader
-    from ..export.report import felt_effects
+    from hfx_blender.engine.areas.felt_times import FeltTimes
+    from hfx_blender.engine.track import TrackReader
+    from hfx_blender.export.report import felt_effects
 
     times = FeltTimes()
     with TrackReader(path) as track:
@@ -151,7 +160,7 @@ def _track(path: Path) -> dict[str, Any]:
 
 
 def _model(path: Path) -> dict[str, Any]:
-    from ..engine.body.model import PerceptualModel, load
+    from hfx_blender.engine.body.model import PerceptualModel, load
 
     model = load(PerceptualModel, path)
     return {
@@ -168,7 +177,7 @@ def _model(path: Path) -> dict[str, Any]:
 
 
 def _device(path: Path) -> dict[str, Any]:
-    from ..devices.configuration import load_device
+    from hfx_blender.devices.configuration import load_device
 
     # JSON of another kind gets a message with the name of the kind.
     content = read(path).value
@@ -228,7 +237,7 @@ def kind_of(path: Path) -> OwnFile | None:
 
 
 def _effect(path: Path) -> dict[str, Any]:
-    from ..authoring.effects import effect_file
+    from hfx_blender.authoring.effects import effect_file
 
     sensation = effect_file.load(path)
     return {
@@ -248,7 +257,7 @@ def _effect(path: Path) -> dict[str, Any]:
 
 
 def _path(path: Path) -> dict[str, Any]:
-    from ..authoring.paths import path_file
+    from hfx_blender.authoring.paths import path_file
 
     recipe = path_file.load(path)
     return {

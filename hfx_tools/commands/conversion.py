@@ -7,27 +7,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from ..devices.configuration import load_device
-from ..devices.script_rendering import rendering
-from ..engine.rendering.device_config import DeviceConfig
-from ..engine.rendering.raster import Raster, columns_of
-from ..engine.rendering.render import renderers_of_track
-from ..engine.stepwise import finish
-from ..engine.track import SUFFIX as TRACK_SUFFIX
-from ..engine.track import TrackReader
-from ..errors import InputError, OutputError, UsageError
-from ..files import limits
-from ..files.atomic import inputs_kept, refuse_device
-from ..files.staging import place, staging
-from ..formats.files import fault_of, format_of, read_signals, refuse_foreign_files
-from ..formats.hjif.semantics import is_date
-from ..formats.rasters import csv_raster, raster_rules
-from ..formats.rasters.signal_raster import RATE_HZ, raster_of
-from ..formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown, target_of
-from ..formats.signals.signals import DEFAULT_TOLERANCE, Credits, Signal, distinct
-from ..formats.sound import wav
-from ..formats.writing import write, write_signals
-from ..formats.written import Written, part_path
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.script_rendering import rendering
+from hfx_blender.engine.rendering.device_config import DeviceConfig
+from hfx_blender.engine.rendering.raster import Raster, columns_of
+from hfx_blender.engine.rendering.render import renderers_of_track
+from hfx_blender.engine.stepwise import finish
+from hfx_blender.engine.track import SUFFIX as TRACK_SUFFIX
+from hfx_blender.engine.track import TrackReader
+from hfx_blender.errors import InputError, OutputError, UsageError
+from hfx_blender.files import limits
+from hfx_blender.files.atomic import inputs_kept, refuse_device
+from hfx_blender.files.staging import place, staging
+from hfx_blender.formats.files import fault_of, format_of, read_signals, refuse_foreign_files
+from hfx_blender.formats.hjif.semantics import is_date
+from hfx_blender.formats.rasters import csv_raster, raster_rules
+from hfx_blender.formats.rasters.signal_raster import RATE_HZ, raster_of
+from hfx_blender.formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown, target_of
+from hfx_blender.formats.signals.signals import DEFAULT_TOLERANCE, Credits, Signal, distinct
+from hfx_blender.formats.sound import wav
+from hfx_blender.formats.writing import write, write_signals
+from hfx_blender.formats.written import Written, part_path
 
 _READ_AGAIN: Final = 64 << 20  # bytes
 _BY_ROWS: Final = tuple(FORMATS[id].suffix for id in ("csv", "npz", "wav"))

@@ -14,19 +14,21 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..engine.arrays import F64
-from ..engine.body.model import load_model
-from ..engine.evaluate import Engine
-from ..engine.samples import SampleRun
-from ..engine.scene import AnimationBlock, HapticVolume, SceneDescription, SkinBinding
-from ..engine.spatial_sound.hearing import Hearing, ListenerFrame
-from ..engine.spatial_sound.loudspeakers import LAYOUTS, LoudspeakerLayout, Panner, Scheme
-from ..engine.spatial_sound.spatial_mix import Reverberators, SoundSource, SpatialMix
-from ..engine.track import TrackReader
-from ..errors import InputError
-from ..files.limits import MEMORY
-from ..formats.sound import wav
-from ..reading.scene_reader import SceneReader
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.samples import SampleRun
+from hfx_blender.engine.scene import AnimationBlock, HapticVolume, SceneDescription, SkinBinding
+from hfx_blender.engine.track import TrackReader
+from hfx_blender.errors import InputError
+from hfx_blender.files.limits import MEMORY
+from hfx_blender.formats.sound import wav
+from hfx_blender.reading.scene_reader import SceneReader
+
+from . import sound_file
+from .hearing import Hearing, ListenerFrame
+from .loudspeakers import LAYOUTS, LoudspeakerLayout, Panner, Scheme
+from .spatial_mix import Reverberators, SoundSource, SpatialMix
 
 Progress = Callable[[float], None]
 
@@ -133,7 +135,7 @@ class SoundRecorder:
         return sources
 
     def write(self, path: Path) -> float:
-        """Write the sound; see :func:`.wav.write_sound` for the returned value."""
+        """Write the sound; see :func:`.sound_file.write_sound` for the returned value."""
         settings, time = self._settings, self._scene.time
         sources = self.sources()
         panner = Panner(settings.layout, settings.hearing, settings.scheme)
@@ -148,7 +150,7 @@ class SoundRecorder:
             mix = SpatialMix(sources, panner, reverberators, time.rate_hz, wav.RATE_HZ)
             return mix.blocks(count)
 
-        return wav.write_sound(
+        return sound_file.write_sound(
             blocks,
             settings.layout,
             path,
@@ -181,7 +183,7 @@ def write_sound(
     engine = Engine(reader.description, tolerance=reader.tolerance)
     time = reader.description.time
     samples = wav.sample_count(time.sample_count, time.rate_hz)
-    wav.refuse_large(settings.layout, path, count=samples)  # before all is evaluated
+    sound_file.refuse_large(settings.layout, path, count=samples)  # before all is evaluated
     recorder = SoundRecorder(reader.description, settings)
     count = max(len(reader.sample_indices), 1)
     done = 0

@@ -19,10 +19,10 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.arrays import F64
-from ...engine.rendering.device_config import DEAD_MAN_MS, DeviceConfig
-from ...errors import UsageError
-from .client import LiveClient
+from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.rendering.device_config import DEAD_MAN_MS, DeviceConfig
+from hfx_blender.errors import UsageError
 
 ADDRESS: Final = "127.0.0.1"
 TOKEN_BYTES: Final = 16

@@ -11,9 +11,10 @@ from typing import Final, Literal
 
 import numpy as np
 
-from ...errors import UsageError
-from ..arrays import F64
-from ..rendering.panning.constant_power import RingPanning, VectorBasePanning
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.rendering.panning.constant_power import RingPanning, VectorBasePanning
+from hfx_blender.errors import UsageError
+
 from .hearing import Hearing
 
 MAX_LOUDSPEAKERS: Final = 64

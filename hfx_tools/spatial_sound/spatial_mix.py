@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import F64
+from hfx_blender.engine.arrays import F64
+
 from .hearing import absorption_db_m, doppler_hz
 from .loudspeakers import Panner
 

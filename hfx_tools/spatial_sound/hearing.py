@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64, I64, expand
-from ..body.model import PerceptualModel
-from ..body.parts import PARTS
-from ..scene import PoseBlock, SkinBinding
+from hfx_blender.engine.arrays import F64, I64, expand
+from hfx_blender.engine.body.model import PerceptualModel
+from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.scene import PoseBlock, SkinBinding
 
 SPEED_OF_SOUND_M_S: Final = 343.2  # in air of 20 degC
 

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine.arrays import F64
-from ..engine.rendering.device_config import DeviceConfig
-from ..engine.rendering.raster import columns_of
-from ..errors import InputError
-from ..files.strict_json import read_data
-from ..formats.clip import baked, clip_rules
-from ..formats.clip.container import Records, Sections, texts_at
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.rendering.device_config import DeviceConfig
+from hfx_blender.engine.rendering.raster import columns_of
+from hfx_blender.errors import InputError
+from hfx_blender.files.strict_json import read_data
+from hfx_blender.formats.clip import baked, clip_rules
+from hfx_blender.formats.clip.container import Records, Sections, texts_at
 
 if TYPE_CHECKING:
-    from ..devices.live.client import LiveClient
+    from hfx_blender.devices.live.client import LiveClient
 
 _EARLY = 1e-6  # rows; tolerance for rounded times
 _LONGEST_STEP_S = 0.5  # a later time is a jump; what lies between is not played

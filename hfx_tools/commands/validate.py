@@ -7,9 +7,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
-from .arguments import add_json, add_largest, expanded
-from .console import Console
+from hfx_blender.commands.arguments import add_json, add_largest, expanded
+from hfx_blender.commands.console import Console
+from hfx_blender.errors import InputError
+
 from .info import kind_of
 
 SOME_FAILED = 5
@@ -47,7 +48,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 def _known_in(folder: Path) -> list[Path]:
     """Visible files of known formats in a folder and its subfolders, sorted; InputError without."""
-    from ..formats.files import can_validate
+    from hfx_blender.formats.files import can_validate
 
     # Hidden files are caches and unfinished results.
     files = [
@@ -65,8 +66,8 @@ def _known_in(folder: Path) -> list[Path]:
 def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     """Check a file and print its findings and verdict, or the reason why it cannot be read; of a
     report also the listed files. Returns the result for ``--json``."""
-    from ..files.findings import Finding
-    from ..formats.files import validate
+    from hfx_blender.files.findings import Finding
+    from hfx_blender.formats.files import validate
 
     own = kind_of(path)
     try:

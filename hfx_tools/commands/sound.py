@@ -7,12 +7,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..errors import UsageError, refuse_no_file
-from ..files.atomic import inputs_kept
-from ..files.staging import make_folder
-from ..processes import blender_session
-from .arguments import add_json, add_largest
-from .console import Console
+from hfx_blender.commands.arguments import add_json, add_largest
+from hfx_blender.commands.console import Console
+from hfx_blender.errors import UsageError, refuse_no_file
+from hfx_blender.files.atomic import inputs_kept
+from hfx_blender.files.staging import make_folder
+from hfx_blender.processes import blender_session
 
 
 def add_parser(commands: Any) -> None:
@@ -71,9 +71,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def settings_of(options: argparse.Namespace) -> Any:
     """Sound settings from the options; UsageError for impossible combinations."""
-    from ..engine.spatial_sound.hearing import Hearing
-    from ..engine.spatial_sound.loudspeakers import Panner, parse
-    from ..export.scene_sound import SoundSettings
+    from ..spatial_sound.hearing import Hearing
+    from ..spatial_sound.loudspeakers import Panner, parse
+    from ..spatial_sound.scene_sound import SoundSettings
 
     try:
         hearing = Hearing(
@@ -91,9 +91,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
     # First, as the modules imported below need Blender.
     bpy = blender_session.start()
 
-    from ..blender import linked_files
-    from ..export.scene_sound import write_sound
-    from ..formats.sound.wav import SOUND_SUFFIX
+    from hfx_blender.blender import linked_files
+
+    from ..spatial_sound.scene_sound import write_sound
+    from ..spatial_sound.sound_file import SOUND_SUFFIX
 
     settings = settings_of(options)
     refuse_no_file(options.scene)

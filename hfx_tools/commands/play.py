@@ -12,18 +12,24 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import DeviceError, HfxError, InputError, OutputError, UsageError, refuse_no_file
-from ..files import kinds
-from . import left_out
-from .arguments import add_json
-from .console import Console
+from hfx_blender.commands.arguments import add_json
+from hfx_blender.commands.console import Console
+from hfx_blender.errors import (
+    DeviceError,
+    HfxError,
+    InputError,
+    OutputError,
+    UsageError,
+    refuse_no_file,
+)
+from hfx_blender.files import kinds
 
 if TYPE_CHECKING:
-    from ..devices.live.approval import DeviceScript
-    from ..devices.live.client import LiveClient
-    from ..devices.live.live_settings import LiveSettings
-    from ..devices.live.track_playback import ValueSource
-    from ..engine.rendering.device_config import DeviceConfig
+    from hfx_blender.devices.live.approval import DeviceScript
+    from hfx_blender.devices.live.client import LiveClient
+    from hfx_blender.devices.live.live_settings import LiveSettings
+    from hfx_blender.devices.live.track_playback import ValueSource
+    from hfx_blender.engine.rendering.device_config import DeviceConfig
 
     Targets = dict[str, tuple[DeviceConfig, DeviceScript | None]]
 
@@ -118,12 +124,12 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Play the file to the end; DeviceError for devices that failed."""
-    from ..devices.configuration import is_file
-    from ..devices.live import live_settings
-    from ..devices.live.client import LiveClient
-    from ..devices.live.track_playback import fault_of, play
-    from ..devices.transports.page_output import PORT as PAGE_PORT
-    from ..files import resources
+    from hfx_blender.devices.configuration import is_file
+    from hfx_blender.devices.live import live_settings
+    from hfx_blender.devices.live.client import LiveClient
+    from hfx_blender.devices.live.track_playback import fault_of, play
+    from hfx_blender.devices.transports.page_output import PORT as PAGE_PORT
+    from hfx_blender.files import resources
 
     # With --json standard output holds nothing but the result.
     write_note = console.warn if console.as_json else console.say
@@ -145,16 +151,11 @@ def run(options: argparse.Namespace, console: Console) -> int:
             progress = _no_progress
         clock = None
         if options.follow is not None:
-            followed = left_out.module("followed_clock")
-            if followed is None:
-                raise UsageError(
-                    "--follow is not part of the extension: install hfx-blender by pip"
-                )
+            from .followed_clock import FollowedClock
+
             if options.listen is not None or options.begin is not None:
                 raise UsageError("--follow is without --listen and --from")
-            clock = stack.enter_context(
-                closing(followed.FollowedClock(options.follow, options.listen_on))
-            )
+            clock = stack.enter_context(closing(FollowedClock(options.follow, options.listen_on)))
             address_note = f"{options.file.name} follows the time from {clock.name}"
             progress = _no_progress
         # Entered last, hence closed first: devices are silent before their source is closed.
@@ -234,8 +235,9 @@ def _listening(
 ) -> tuple[ValueSource, str]:
     """Open a port for a game's values, closed with ``stack``; returns the source and a note with
     address and token. UsageError for a track, ``--from``, or a token that is not hexadecimal."""
-    from ..devices.live.game_door import ADDRESS, TOKEN_BYTES, GameDoor
-    from ..formats.clip.container import SUFFIX
+    from hfx_blender.formats.clip.container import SUFFIX
+
+    from .game_door import ADDRESS, TOKEN_BYTES, GameDoor
 
     if not options.file.name.lower().endswith(SUFFIX) or options.begin is not None:
         raise UsageError("--listen is of a game clip, without --from")
@@ -259,12 +261,13 @@ def _opened(
 ) -> tuple[ValueSource, Targets]:
     """Open the file and load the devices, with their scripts for a track and None for a clip.
     InputError for a file of another kind, or an unusable device."""
-    from ..devices.configuration import load_device
-    from ..devices.live import live_settings
-    from ..devices.live.track_playback import PlayedTrack
-    from ..engine.track import SUFFIX as TRACK_SUFFIX
-    from ..files import resources
-    from ..formats.clip.container import SUFFIX
+    from hfx_blender.devices.configuration import load_device
+    from hfx_blender.devices.live import live_settings
+    from hfx_blender.devices.live.track_playback import PlayedTrack
+    from hfx_blender.engine.track import SUFFIX as TRACK_SUFFIX
+    from hfx_blender.files import resources
+    from hfx_blender.formats.clip.container import SUFFIX
+
     from .played_clip import PlayedClip
 
     if options.file.name.lower().endswith(SUFFIX):
@@ -287,7 +290,7 @@ def _opened(
 
 def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
     """Connection of a device: from the options, else as last connected in Blender."""
-    from ..devices.live import live_settings
+    from hfx_blender.devices.live import live_settings
 
     # Addresses of another kind of connection do not apply; the measured delay does.
     known = live_settings.load().get(name, live_settings.LiveSettings())

@@ -8,13 +8,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ..errors import InputError, refuse_no_file
-from .arguments import add_json
-from .console import Console
+from hfx_blender.commands.arguments import add_json
+from hfx_blender.commands.console import Console
+from hfx_blender.errors import InputError, refuse_no_file
+
 from .info import describe_device
 
 if TYPE_CHECKING:
-    from ..devices.live.approval import DeviceScript
+    from hfx_blender.devices.live.approval import DeviceScript
 
 _SHORTEST_HASH: Final = 8
 
@@ -56,7 +57,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _list(options: argparse.Namespace, console: Console) -> int:
-    from ..devices.configuration import list_devices, load_device
+    from hfx_blender.devices.configuration import list_devices, load_device
 
     names = list_devices()
     width = max(map(len, names))
@@ -80,8 +81,8 @@ def _list(options: argparse.Namespace, console: Console) -> int:
 
 
 def _find(_options: argparse.Namespace, console: Console) -> int:
-    from ..devices.live.discovery import found_at
-    from ..files import resources
+    from hfx_blender.devices.live.discovery import found_at
+    from hfx_blender.files import resources
 
     ports, devices, faults = found_at(resources.user_devices())
     for fault in faults:
@@ -97,7 +98,7 @@ def _find(_options: argparse.Namespace, console: Console) -> int:
 
 
 def _check(options: argparse.Namespace, console: Console) -> int:
-    from ..devices.configuration import check, load_device
+    from hfx_blender.devices.configuration import check, load_device
 
     refuse_no_file(options.file)
     faults = check(options.file)
@@ -118,7 +119,7 @@ def _check(options: argparse.Namespace, console: Console) -> int:
 
 
 def _import(options: argparse.Namespace, console: Console) -> int:
-    from ..devices.configurations.imported_layouts import import_layout
+    from hfx_blender.devices.configurations.imported_layouts import import_layout
 
     name = options.name or options.file.stem.lower().replace(" ", "_")
     path = import_layout(options.file, name)
@@ -130,7 +131,7 @@ def _import(options: argparse.Namespace, console: Console) -> int:
 def _scripts(_options: argparse.Namespace, console: Console) -> int:
     """List approved scripts by path, then the user's scripts without approval; returns 3 for a
     damaged list of approvals, else 0."""
-    from ..devices.live import approval
+    from hfx_blender.devices.live import approval
 
     fault = approval.fault_of_list()
     if fault:
@@ -157,8 +158,8 @@ def _scripts(_options: argparse.Namespace, console: Console) -> int:
 def _own_scripts(console: Console) -> list[DeviceScript]:
     """Scripts in the user's device folder that belong to a configuration, sorted by path;
     unreadable scripts are left out with a warning."""
-    from ..devices.live import approval
-    from ..files import resources
+    from hfx_blender.devices.live import approval
+    from hfx_blender.files import resources
 
     scripts = []
     for path in sorted(resources.user_devices().glob("*.py")):
@@ -174,8 +175,8 @@ def _own_scripts(console: Console) -> list[DeviceScript]:
 
 def _script_of(name: str) -> DeviceScript:
     """Script of a device; InputError for an unknown device or a device without a script."""
-    from ..devices.configuration import find_file
-    from ..devices.live import approval
+    from hfx_blender.devices.configuration import find_file
+    from hfx_blender.devices.live import approval
 
     if find_file(name) is None:
         raise InputError(
@@ -190,7 +191,7 @@ def _script_of(name: str) -> DeviceScript:
 def _approve(options: argparse.Namespace, console: Console) -> int:
     """Approve a device's script; InputError for another hash than given. Shipped scripts need no
     approval. Returns 0."""
-    from ..devices.live import approval
+    from hfx_blender.devices.live import approval
 
     script = _script_of(options.name)
     console.say(f"{script.path}")
@@ -213,7 +214,7 @@ def _approve(options: argparse.Namespace, console: Console) -> int:
 def _revoke(options: argparse.Namespace, console: Console) -> int:
     """Withdraw the approval with the only hash that begins with 8 digits or more, else of a
     device's script. InputError for several hashes, and for a shipped script. Returns 0."""
-    from ..devices.live import approval
+    from hfx_blender.devices.live import approval
 
     digits = options.name.lower()
     # Shorter texts are names of devices, even of hexadecimal digits alone.

@@ -7,9 +7,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
-from .arguments import add_json, add_largest
-from .console import Console
+from hfx_blender.commands.arguments import add_json, add_largest
+from hfx_blender.commands.console import Console
+from hfx_blender.errors import InputError
 
 
 def add_parser(commands: Any) -> None:
@@ -56,7 +56,8 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace, console: Console) -> int:
     """Convert the file; print results, notes and omissions; returns 0. UsageError for options out
     of range, InputError without any result."""
-    from ..errors import UsageError
+    from hfx_blender.errors import UsageError
+
     from .conversion import convert
 
     if not 0.0 < options.tolerance <= 50.0:
