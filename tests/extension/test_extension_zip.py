@@ -163,6 +163,7 @@ def test_nothing_else_strays_into_the_zip(small: Path) -> None:
         ".frag",
         ".vert",
         ".h",
+        ".html",
         ".toml",
         ".json",
         ".npz",
