@@ -59,6 +59,8 @@ def why_not(device: DeviceConfig, kind: str) -> str:
         return "No output in the configuration: use the sound card or the log, or export files"
     if kind == "AUDIO" and "vibration" not in device.modalities:
         return "A sound card plays vibration only; the device has none"
+    if kind == "PAGE" and "vibration" not in device.modalities:
+        return "A web page plays vibration only; the device has none"
     return ""
 
 

@@ -42,6 +42,11 @@ KINDS = (
         "One channel for each vibration actuator, starting at the first channel",
     ),
     ("CSV", "Log", "Writes every value into a CSV file"),
+    (
+        "PAGE",
+        "Web Page",
+        "A web page for a browser on a phone, or with a gamepad; asks for a code",
+    ),
 )
 _WIDTH, _LETTERS = 420, 62  # of the dialog, pixels; of its lines
 
@@ -243,6 +248,8 @@ class HFX_OT_live_connect(OfDevice):
         column = layout.column()
         if self.kind == "AUDIO":
             column.prop(self, "port", text="Sound Card", placeholder="Default")
+        elif self.kind == "PAGE":
+            column.prop(self, "host", placeholder="127.0.0.1")
         elif self.kind == "DEVICE":
             for item, output in zip((self, *self.more), device.outputs, strict=False):
                 if len(device.outputs) > 1:
@@ -296,6 +303,23 @@ class HFX_OT_live_connect(OfDevice):
         live.connect(self.name, settings)
         # After connecting: settings that raise an error are not kept.
         live_settings.store(self.name, settings)
+        return ""
+
+
+class HFX_OT_live_phone(MenuOperator, LiveOperator):
+    """Open a web page in the local network that vibrates a phone; the panel shows its address and
+    code. The page is not encrypted: use it in a network that you trust"""
+
+    bl_label = "Feel on a Phone"
+
+    def work(self, context: bpy.types.Context) -> str:
+        from ...devices.transports.page_output import own_address
+
+        if "phone_lra" not in context.scene.hfx.devices:
+            context.scene.hfx.devices.add().name = "phone_lra"
+        settings = replace(settings_of("phone_lra"), kind="PAGE", host=own_address())
+        live.connect("phone_lra", settings)
+        live_settings.store("phone_lra", settings)
         return ""
 
 

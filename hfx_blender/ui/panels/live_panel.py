@@ -104,6 +104,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
         row.operator_menu_enum("hfx.live_add", "name", icon="ADD")
         row.operator("hfx.live_find", icon="VIEWZOOM")
         row.operator("hfx.live_import", text="", icon="IMPORT")
+        layout.operator("hfx.live_phone", icon="URL")
         if hfx.devices:
             column = layout.column(align=True)
             column.label(text="Play Space")

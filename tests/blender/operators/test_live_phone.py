@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""*Feel on a Phone* connects the phone by a page on the computer's own address."""
+
+import bpy
+
+from hfx_blender.devices.live import live_settings
+from hfx_blender.devices.transports import page_output
+from hfx_blender.playback.live.live import live
+
+
+def test_feel_on_a_phone_adds_the_phone_and_serves_a_page(scene, monkeypatch) -> None:
+    monkeypatch.setattr(page_output, "own_address", lambda: "127.0.0.1")
+    targets = []
+    monkeypatch.setattr(live, "connect", lambda name, how: targets.append((name, how)))
+    stored = []
+    monkeypatch.setattr(live_settings, "store", lambda name, how: stored.append(name))
+    assert bpy.ops.hfx.live_phone() == {"FINISHED"}
+    assert "phone_lra" in scene.hfx.devices
+    ((name, settings),) = targets
+    assert (name, settings.kind, settings.host) == ("phone_lra", "PAGE", "127.0.0.1")
+    assert stored == ["phone_lra"]
