@@ -216,9 +216,10 @@ class PageOutput:
                 time.sleep(_WRONG_S)
                 connection.close(_CLOSED[refusal], refusal)
                 return
+            # Before the greeting: a value that follows it at once is new.
+            sent = self._number
             connection.send(self._hello)
             self._joined += 1
-            sent = self._number
             unanswered, last = 0, ""
             while not self._is_closed:
                 with self._news:
