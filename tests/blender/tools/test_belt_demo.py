@@ -18,11 +18,11 @@ from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.errors import InputError, UsageError
-from hfx_blender.export import scene_sound
 from hfx_blender.files import limits
 from hfx_blender.formats.sound import wav
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_tools.demo import belt, demo_charts
+from hfx_tools.spatial_sound import scene_sound
 from hfx_tools.spatial_sound.loudspeakers import LAYOUTS, parse
 from hfx_tools.spatial_sound.scene_sound import SoundRecorder, SoundSettings, write_sound
 
