@@ -52,7 +52,7 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     own = {"export": export, "doctor": doctor}
     for name in (
-        *("demo", "export", "sound", "info", "validate", "convert", "play"),
+        *("demo", "export", "sound", "info", "validate", "convert", "play", "feel"),
         *("body", "device", "texture", "bench", "doctor"),
     ):
         module = own.get(name) or left_out.module(name)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Build hook of hatchling: compiles the library of ``engine/native``.
+"""Build hook of hatchling: compiles the library of ``engine/native`` and the players' core.
 
-The package works without the library, slower, so a failure does not stop an installation. The
+The package works without the first, slower, and without the second but for ``hfx feel``, so a
+failure does not stop an installation. The
 environment variable ``HFX_PLATFORM`` names another platform for a wheel, as in
 ``native_build.TARGETS``; a failure stops such a build.
 """
@@ -19,7 +20,7 @@ from packaging.tags import sys_tags
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from release import native_build  # next to this file, not installed
+from release import core_build, native_build  # next to this file, not installed
 
 
 class NativeLibraryHook(BuildHookInterface[Any]):
@@ -28,7 +29,12 @@ class NativeLibraryHook(BuildHookInterface[Any]):
     _work: tempfile.TemporaryDirectory[str] | None = None
 
     def dependencies(self) -> list[str]:
-        return native_build.requirements(Path(self.root))
+        root, target = Path(self.root), native_build.this_target()
+        required = native_build.requirements(root)
+        if required or target is None or not native_build.has_compiler():
+            return required
+        core = root / core_build.FOLDER / core_build.library_name(target)
+        return [] if core_build.is_current(core, target, root) else [native_build.REQUIREMENT]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         platform = os.environ.get("HFX_PLATFORM")
@@ -36,26 +42,29 @@ class NativeLibraryHook(BuildHookInterface[Any]):
         if not native_build.wanted() or target is None:
             return
         root = Path(self.root)
-        library = root / native_build.NATIVE / target.library
         is_editable = version == "editable"
-        try:
-            if not native_build.is_current(library, target, root):
-                folder = library.parent if is_editable else self._folder()
-                library = native_build.build(target, folder, native_build.compiler(), root)
-        except Exception as error:
-            if platform:
-                raise
-            self.app.display_warning(
-                f"HFX is installed without its compiled library and works in numpy, slower: {error}"
-            )
-            return
         is_wanted = bool(platform) or any(tag.platform == target.wheel for tag in sys_tags())
-        if not is_editable and is_wanted:
-            build_data["force_include"][str(library)] = (
-                native_build.NATIVE / target.library
-            ).as_posix()
-            build_data["pure_python"] = False
-            build_data["tag"] = f"py3-none-{target.wheel}"
+        for builder, place in (
+            (native_build, native_build.NATIVE / target.library),
+            (core_build, core_build.FOLDER / core_build.library_name(target)),
+        ):
+            library = root / place
+            try:
+                if not builder.is_current(library, target, root):
+                    folder = library.parent if is_editable else self._folder()
+                    library = builder.build(target, folder, native_build.compiler(), root)
+            except Exception as error:
+                if platform:
+                    raise
+                self.app.display_warning(
+                    f"HFX is installed without {place.name}; contacts are slower, or 'hfx feel' "
+                    f"is missing: {error}"
+                )
+                continue
+            if not is_editable and is_wanted:
+                build_data["force_include"][str(library)] = place.as_posix()
+                build_data["pure_python"] = False
+                build_data["tag"] = f"py3-none-{target.wheel}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         if self._work is not None:

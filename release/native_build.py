@@ -100,11 +100,14 @@ def requirements(root: Path = ROOT) -> list[str]:
     Empty if the library is disabled, unsupported or current.
     """
     target = this_target()
-    if target is None or not wanted():
-        return []
-    if sys.platform == "darwin" and _macos_release() < _OLDEST_MACOS:
+    if target is None or not has_compiler():
         return []
     return [] if is_current(root / NATIVE / target.library, target, root) else [REQUIREMENT]
+
+
+def has_compiler() -> bool:
+    """Test that libraries are wanted, and that the compiler exists for this system."""
+    return wanted() and (sys.platform != "darwin" or _macos_release() >= _OLDEST_MACOS)
 
 
 def wanted() -> bool:
@@ -206,7 +209,7 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
     try:
         with tempfile.TemporaryDirectory(prefix="hfx_native_", ignore_cleanup_errors=True) as name:
             work = Path(name)
-            run = _Compiler(zig, target, work)
+            run = Compiler(zig, target, work)
             header = work / "hfx_build.h"
             declared = json.dumps(interface(sources.files()))  # a string in C, too
             defines = (
@@ -217,7 +220,7 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
             paths = [path for path in sources.files() if path.suffix == ".c"]
             with ThreadPoolExecutor(os.cpu_count()) as pool:
                 objects = list(pool.map(lambda path: run.compile(path, flags), paths))
-            linked = run.link(objects)
+            linked = run.link(objects, target.library)
             folder.mkdir(parents=True, exist_ok=True)
             new = folder / f"{target.library}.new"  # on the folder's own disk
             new.write_bytes(linked.read_bytes())
@@ -227,7 +230,7 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
         raise BuildError(str(error)) from error
 
 
-class _Compiler(NamedTuple):
+class Compiler(NamedTuple):
     """Compiler for a target, working in a temporary folder."""
 
     zig: Path
@@ -240,8 +243,7 @@ class _Compiler(NamedTuple):
         self("-c", str(source), "-o", object_name, *flags, *position)
         return object_name
 
-    def link(self, objects: Sequence[str]) -> Path:
-        library = self.target.library
+    def link(self, objects: Sequence[str], library: str) -> Path:
         options = [option.format(library) for option in _LINKED[library.rpartition(".")[2]]]
         self("-shared", "-nostdlib", "-s", "-o", library, *objects, *options)
         return self.work / library

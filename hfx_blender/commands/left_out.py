@@ -19,7 +19,7 @@ from ..errors import UsageError
 
 PACKAGE: Final = "hfx_tools"
 _COMMANDS: Final = (
-    *("demo", "sound", "info", "validate", "convert", "play"),
+    *("demo", "sound", "info", "validate", "convert", "play", "feel"),
     *("body", "device", "texture", "bench"),
 )
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import os
 import secrets
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
 from itertools import zip_longest
@@ -51,39 +52,7 @@ def add_parser(commands: Any) -> None:
         "and stops. It ends in silence: at its end, after Ctrl-C, and after a fault.",
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="a .hfxtrack or a .hfxclip")
-    parser.add_argument(
-        "--device",
-        action="append",
-        required=True,
-        metavar="NAME",
-        help="device by name or file ('hfx device list'); repeat it for more",
-    )
-    parser.add_argument(
-        "--to",
-        choices=tuple(_KINDS),
-        default="device",
-        help="the device itself, or a substitute (default: device)",
-    )
-    parser.add_argument(
-        "--port",
-        action="append",
-        help="serial or network port, or part of a sound card's name (default: as last connected "
-        "in Blender, else as found by its USB ids or as configured); repeat it for each output of "
-        "a device with several outputs",
-    )
-    parser.add_argument(
-        "--unit",
-        action="append",
-        metavar="NAME",
-        help="unit among several devices of one server: a name from 'hfx device find', or '#' and "
-        "a number (default: as last connected, else the first free unit)",
-    )
-    parser.add_argument(
-        "--host", action="append", help="host of a network device (default: as last connected)"
-    )
-    parser.add_argument(
-        "--path", type=Path, metavar="FILE", help="file that a log or a simulator writes"
-    )
+    add_output_arguments(parser)
     parser.add_argument(
         "--body", metavar="NAME", help="body that wears the devices (default: the first)"
     )
@@ -122,19 +91,52 @@ def add_parser(commands: Any) -> None:
     add_json(parser, run)
 
 
+def add_output_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of devices and their outputs."""
+    parser.add_argument(
+        "--device",
+        action="append",
+        required=True,
+        metavar="NAME",
+        help="device by name or file ('hfx device list'); repeat it for more",
+    )
+    parser.add_argument(
+        "--to",
+        choices=tuple(_KINDS),
+        default="device",
+        help="the device itself, or a substitute (default: device)",
+    )
+    parser.add_argument(
+        "--port",
+        action="append",
+        help="serial or network port, or part of a sound card's name (default: as last connected "
+        "in Blender, else as found by its USB ids or as configured); repeat it for each output of "
+        "a device with several outputs",
+    )
+    parser.add_argument(
+        "--unit",
+        action="append",
+        metavar="NAME",
+        help="unit among several devices of one server: a name from 'hfx device find', or '#' and "
+        "a number (default: as last connected, else the first free unit)",
+    )
+    parser.add_argument(
+        "--host", action="append", help="host of a network device (default: as last connected)"
+    )
+    parser.add_argument(
+        "--path", type=Path, metavar="FILE", help="file that a log or a simulator writes"
+    )
+
+
 def run(options: argparse.Namespace, console: Console) -> int:
     """Play the file to the end; DeviceError for devices that failed."""
-    from hfx_blender.devices.configuration import is_file
-    from hfx_blender.devices.live import live_settings
     from hfx_blender.devices.live.client import LiveClient
     from hfx_blender.devices.live.track_playback import fault_of, play
-    from hfx_blender.devices.transports.page_output import PORT as PAGE_PORT
-    from hfx_blender.files import resources
 
     # With --json standard output holds nothing but the result.
     write_note = console.warn if console.as_json else console.say
     names = list(dict.fromkeys(options.device))
-    _check_outputs(options, names)
+    check_outputs(options, names)
     with ExitStack() as stack:
         address_note, progress = "", console.progress(options.file.name)
         with console.reading(options.file):
@@ -148,7 +150,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         else:
             # The game is the source from here on; the clip has served to check devices and columns.
             source, address_note = _listening(options, targets, stack)
-            progress = _no_progress
+            progress = no_progress
         clock = None
         if options.follow is not None:
             from .followed_clock import FollowedClock
@@ -157,30 +159,14 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 raise UsageError("--follow is without --listen and --from")
             clock = stack.enter_context(closing(FollowedClock(options.follow, options.listen_on)))
             address_note = f"{options.file.name} follows the time from {clock.name}"
-            progress = _no_progress
+            progress = no_progress
         # Entered last, hence closed first: devices are silent before their source is closed.
         client = stack.enter_context(closing(LiveClient()))
         offset_ms = 0.0
         for name, (device, script) in targets.items():
-            settings = _settings(name, options)
-            target = live_settings.target_of(device, settings)
-            if settings.kind == "PAGE":
-                target = {**target, "code": f"{secrets.randbelow(10**6):06d}", "waits": True}
-                target["port"] = int(options.port[0] if options.port else PAGE_PORT)
-                write_note(
-                    f"Open http://{target['host']}:{target['port']} on the phone and type "
-                    f"{target['code']}; playback begins then"
-                )
-            client.connect(
-                name,
-                Path(name).absolute() if is_file(name) else name,
-                target,
-                folder=resources.user_devices(),
-                script=None if script is None else script.as_request(),
-                offset_ms=settings.offset_ms,
-            )
+            device_offset_ms = connect(client, name, (device, script), options, write_note)
             # Playback ends when the most delayed device has finished.
-            offset_ms = max(offset_ms, settings.offset_ms)
+            offset_ms = max(offset_ms, device_offset_ms)
         try:
             failed = play(
                 source,
@@ -192,11 +178,11 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 connected=lambda: write_note(address_note) if address_note else None,
             )
         except DeviceError as error:
-            raise _fault_of_log(options.path, client) or error from error
+            raise fault_of_log(options.path, client) or error from error
         units = {name: client.devices[name].unit for name in names}
         length_s = source.end_s - (source.start_s if options.begin is None else options.begin)
     if failed:
-        raise _fault_of_log(options.path, client) or DeviceError(" ".join(map(fault_of, failed)))
+        raise fault_of_log(options.path, client) or DeviceError(" ".join(map(fault_of, failed)))
     on = ", ".join(f"{name}: {units[name]}" if units[name] else name for name in names)
     console.say(f"{options.file}: played {length_s:.2f} s on {on}")
     result = {"file": str(options.file), "devices": names, "seconds": round(length_s, 3)}
@@ -204,7 +190,42 @@ def run(options: argparse.Namespace, console: Console) -> int:
     return 0
 
 
-def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
+def connect(
+    client: LiveClient,
+    name: str,
+    target: tuple[DeviceConfig, DeviceScript | None],
+    options: argparse.Namespace,
+    write_note: Callable[[str], None],
+) -> float:
+    """Connect a device, with its script if any, by the options; returns the delay of its values in
+    milliseconds."""
+    from hfx_blender.devices.configuration import is_file
+    from hfx_blender.devices.live import live_settings
+    from hfx_blender.devices.transports.page_output import PORT as PAGE_PORT
+    from hfx_blender.files import resources
+
+    device, script = target
+    settings = connection_of(name, options)
+    output = live_settings.target_of(device, settings)
+    if settings.kind == "PAGE":
+        output = {**output, "code": f"{secrets.randbelow(10**6):06d}", "waits": True}
+        output["port"] = int(options.port[0] if options.port else PAGE_PORT)
+        write_note(
+            f"Open http://{output['host']}:{output['port']} on the phone and type "
+            f"{output['code']}; playback begins then"
+        )
+    client.connect(
+        name,
+        Path(name).absolute() if is_file(name) else name,
+        output,
+        folder=resources.user_devices(),
+        script=None if script is None else script.as_request(),
+        offset_ms=settings.offset_ms,
+    )
+    return settings.offset_ms
+
+
+def check_outputs(options: argparse.Namespace, names: list[str]) -> None:
     """Raise UsageError for ``--to log`` without a file, and for the address of a single device with
     several devices; returns nothing."""
     addresses = [option for option in ("port", "host", "path", "unit") if getattr(options, option)]
@@ -218,7 +239,7 @@ def _check_outputs(options: argparse.Namespace, names: list[str]) -> None:
         raise UsageError(f"--{addresses[0]} is of one device; give one --device")
 
 
-def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
+def fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
     """OutputError for an unwritable file of ``--path``; None if the log is not the cause."""
     for state in client.devices.values():
         if path is not None and state.state == "lost" and state.text.startswith(f"{path} "):
@@ -226,7 +247,7 @@ def _fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
     return None
 
 
-def _no_progress(share: float) -> None:
+def no_progress(share: float) -> None:
     """Show no progress: the end of a game is unknown."""
 
 
@@ -288,7 +309,7 @@ def _opened(
     return track, targets
 
 
-def _settings(name: str, options: argparse.Namespace) -> LiveSettings:
+def connection_of(name: str, options: argparse.Namespace) -> LiveSettings:
     """Connection of a device: from the options, else as last connected in Blender."""
     from hfx_blender.devices.live import live_settings
 

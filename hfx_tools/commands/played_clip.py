@@ -63,8 +63,8 @@ class PlayedClip:
         self.end_s = self.start_s + float(at["rows"]) / self._rate_hz
         self._actuators: dict[str, list[_Rows]] = {}
         for name, device in devices.items():
-            record = _device_of(sections, device, body, str(path))
-            _check_columns(sections, record, device, str(path))
+            record = device_record(sections, device, body, str(path))
+            check_columns(sections, record, device, str(path))
             first, count = int(record["first_actuator"]), int(record["actuators"])
             self._actuators[name] = [_rows_of(sections, k) for k in range(first, first + count)]
         self._neutral = {name: device.neutral for name, device in devices.items()}
@@ -98,7 +98,7 @@ class PlayedClip:
         return int(np.clip(row, 0, self._last))
 
 
-def _device_of(sections: Sections, device: DeviceConfig, body: str | None, path: str) -> Any:
+def device_record(sections: Sections, device: DeviceConfig, body: str | None, path: str) -> Any:
     """Record of a device on the named body, or on the first body that wears it. InputError without
     such a record."""
     ids, bodies = (texts_at(sections, sections["DEVC"][device_id]) for device_id in ("id", "body"))
@@ -113,7 +113,7 @@ def _device_of(sections: Sections, device: DeviceConfig, body: str | None, path:
     raise InputError(f"{path}: it has no values for {missing}; it has those of: {names}.")
 
 
-def _check_columns(sections: Sections, record: Any, device: DeviceConfig, path: str) -> None:
+def check_columns(sections: Sections, record: Any, device: DeviceConfig, path: str) -> None:
     """Raise InputError for a device whose actuators or parameters differ from the clip."""
     first, count = int(record["first_actuator"]), int(record["actuators"])
     owners = sections["COLM"]["actuator"]

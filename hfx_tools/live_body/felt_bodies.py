@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Values of devices on tracked bodies: a clip's spatial part at the newest poses."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.engine.rendering.device_config import DeviceConfig
+from hfx_blender.errors import InputError, UsageError
+from hfx_blender.files.strict_json import read_data
+from hfx_blender.formats.clip import clip_rules
+from hfx_blender.formats.clip.container import Sections, texts_at
+from hfx_blender.tracking.receiver import OscReceiver
+from hfx_blender.tracking.vmc_body import VmcBody
+
+from ..commands.played_clip import check_columns, device_record
+from .avatar_pose import AvatarPose
+from .live_values import LiveValues
+from .player_core import CoreBody
+
+LOST_S: Final = 0.5
+"""Time without a pose after which a sender is lost, seconds."""
+FADE_S: Final = 1.5
+"""Duration of the fade after :data:`LOST_S`, seconds."""
+
+
+@dataclass(eq=False)
+class FeltBody:
+    """Body of the clip that follows a tracked person."""
+
+    name: str
+    core: CoreBody
+    pose: AvatarPose
+    receiver: OscReceiver
+    person: VmcBody = field(default_factory=VmcBody)
+    state: str = "waiting"  # waiting, tracked, lost
+    values: Any = None  # (columns of the clip,) of the last evaluation
+
+    def factor(self, now_s: float) -> float:
+        """Factor of the values: 1 while poses arrive, 0 before the first and after the fade."""
+        if self.state == "waiting":
+            return 0.0
+        return min(max(1.0 - (self.person.age_s(now_s) - LOST_S) / FADE_S, 0.0), 1.0)
+
+    def follow(self, now_s: float, seconds: float) -> str:
+        """Evaluate at the newest pose; returns a sentence for a person found or lost, else ""."""
+        self.person.update(self.receiver.take())
+        is_here = self.person.is_ready and self.person.age_s(now_s) <= LOST_S
+        before, self.state = self.state, "tracked" if is_here else self.state
+        if before == "tracked" and not is_here:
+            self.state = "lost"
+        if self.state != "waiting":
+            self.values = self.core.evaluate(self.pose.matrices(self.person), seconds)
+        if before == self.state:
+            return ""
+        words = {"tracked": "is tracked", "lost": "lost its sender and fades to silence"}
+        return f"body '{self.name}' {words[self.state]}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Worn:
+    """Device on a tracked body, and the columns in the clip."""
+
+    body: FeltBody
+    columns: slice
+    neutral: F64  # (columns,)
+    is_strength: Any  # (columns,) bool
+
+
+class FeltBodies:
+    """Value source of devices on tracked bodies, without an end unless ``end_s`` is set.
+
+    ``path``: a clip with a spatial part; ``devices``: by their names in the client.
+    ``ports``: receiver of each tracked body by name; the name "" is the body of the first device.
+    ``values``: effects' factors and parameters of other programs.
+    ``say``: takes sentences about persons found and lost.
+
+    Raises InputError: the clip has no such body or device; UsageError: a device has no port.
+    """
+
+    is_rendered = False
+    start_s = 0.0
+    end_s = np.inf
+    sample_s = 0.01
+
+    def __init__(
+        self,
+        path: Path,
+        devices: Mapping[str, DeviceConfig],
+        ports: Mapping[str, OscReceiver],
+        values: LiveValues,
+        say: Callable[[str], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        content = read_data(path)
+        sections = clip_rules.read(content, str(path))
+        if not len(sections["BODY"]) or not len(sections["EFCT"]):
+            raise InputError(f"{path}: it has no spatial part; expected a body and an effect.")
+        self._names = texts_at(sections, sections["BODY"]["name"])
+        self._values, self._say, self._clock = values, say, clock
+        self._before_s: float | None = None
+        self._effects = _Effects(sections)
+        self.bodies: dict[str, FeltBody] = {}
+        self._worn: dict[str, _Worn] = {}
+        self.recorded: dict[str, list[tuple[float, F64]]] = {name: [] for name in devices}
+        single = ports.get("")
+        for name, device in devices.items():
+            chosen = None if single or len(ports) > 1 else next(iter(ports))
+            record = device_record(sections, device, chosen, str(path))
+            check_columns(sections, record, device, str(path))
+            wearer = texts_at(sections, np.atleast_1d(record["body"]))[0]
+            receiver = ports.get(wearer, single)
+            if receiver is None:
+                raise UsageError(
+                    f"device '{name}' is worn by '{wearer}': give --body {wearer}=PORT"
+                )
+            if wearer not in self.bodies:
+                if receiver is single and self.bodies:
+                    raise UsageError(f"'{wearer}' has no port: give --body {wearer}=PORT")
+                self.bodies[wearer] = self._body(content, sections, wearer, receiver, str(path))
+            first, count = int(record["first_column"]), int(record["columns"])
+            strengths = [k == 0 for a in device.actuators for k in range(len(a.type.controls))]
+            self._worn[name] = _Worn(
+                self.bodies[wearer],
+                slice(first, first + count),
+                device.neutral,
+                np.array(strengths),
+            )
+        unknown = [name for name in ports if name and name not in self._names]
+        if unknown:
+            known = ", ".join(f"'{name}'" for name in self._names[:5])
+            raise InputError(f"{path}: it has no body '{unknown[0][:100]}'; there are: {known}.")
+
+    def begin(self, client: LiveClient) -> None:
+        """Do nothing: values need no scene."""
+
+    def show(self, client: LiveClient, time_s: float) -> None:
+        """Send the values of all devices at the newest poses."""
+        now_s = self._clock()
+        # A step of the contact response; a halted command does not skip seconds of a response.
+        seconds = min(now_s - self._before_s, 0.25) if self._before_s is not None else 0.0
+        self._before_s = now_s
+        self._values.take()
+        for body in self.bodies.values():
+            self._effects.apply(self._values, body.core)
+            if news := body.follow(now_s, seconds):
+                self._say(news)
+        for name in self._worn:
+            values = self.values(name, now_s)
+            client.send(name, values)
+            self.recorded[name].append((time_s, values))
+
+    def values(self, name: str, now_s: float) -> F64:
+        """Values (columns,) of a device after :meth:`show`'s evaluation, with gain and fade."""
+        worn = self._worn[name]
+        factor = worn.body.factor(now_s) * self._values.gain
+        if worn.body.values is None or factor == 0.0:
+            return worn.neutral
+        values = worn.body.values[worn.columns].astype(np.float64)
+        weakened = worn.neutral + factor * (values - worn.neutral)
+        return np.where(worn.is_strength, weakened, values)
+
+    def _body(
+        self, content: bytes, sections: Sections, name: str, receiver: OscReceiver, path: str
+    ) -> FeltBody:
+        index = self._names.index(name)
+        record = sections["BODY"][index]
+        first, count = int(record["first_bone"]), int(record["bones"])
+        bones = sections["BONE"][first : first + count]
+        parents = [int(p) if int(p) < count else -1 for p in bones["parent"]]
+        rest = bones["rest"].astype(np.float64).reshape(count, 3, 4)
+        pose = AvatarPose(texts_at(sections, bones["human"]), parents, rest)
+        return FeltBody(name, CoreBody(content, index, path), pose, receiver)
+
+
+class _Effects:
+    """Effects of a clip by name; several effects may have one name."""
+
+    def __init__(self, sections: Sections) -> None:
+        records = sections["EFCT"]
+        self._names = texts_at(sections, records["name"])
+        modalities = list(MODALITIES.values())
+        self._parameters = [modalities[int(m)].parameter_names for m in records["modality"]]
+        # As the core begins: volumes on, painted areas off.
+        self._factors = [0.0 if kind else 1.0 for kind in records["kind"]]
+
+    def apply(self, values: LiveValues, core: CoreBody) -> None:
+        """Set factors and parameters of a body's effects."""
+        for k, name in enumerate(self._names):
+            if name in values.intensities or name in values.muted:
+                factor = values.intensities.get(name, self._factors[k])
+                core.set_factor(k, 0.0 if values.muted.get(name) else factor)
+        for (name, parameter), value in values.parameters.items():
+            for k, names in enumerate(self._parameters):
+                if self._names[k] == name and parameter in names[:4]:
+                    core.set_parameter(k, names.index(parameter), value)

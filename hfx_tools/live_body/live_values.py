@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Factors and parameters of effects, sent by other programs (``docs/osc-addresses.md``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from hfx_blender.tracking import value_addresses
+from hfx_blender.tracking.receiver import OscReceiver
+from hfx_blender.tracking.value_addresses import ValueChange, change_of
+
+
+@dataclass(eq=False)
+class LiveValues:
+    """Newest values of a receiver.
+
+    ``gain``: of all devices, 0 to 1; 0 while muted.
+    ``intensities``, ``muted``: by effect; ``parameters``: by effect and parameter.
+    ``ignored``: messages without a known address or a valid value.
+    """
+
+    receiver: OscReceiver | None = None
+    overall: float = 1.0
+    is_muted: bool = False
+    intensities: dict[str, float] = field(default_factory=dict)
+    muted: dict[str, bool] = field(default_factory=dict)
+    parameters: dict[tuple[str, str], float] = field(default_factory=dict)
+    ignored: int = 0
+
+    @classmethod
+    def listening(cls, address: str, port: int, allowed: tuple[str, ...]) -> LiveValues:
+        """Values of a new receiver; UsageError for an unusable address or port."""
+        return cls(OscReceiver(address, port, allowed, value_addresses.is_used))
+
+    @property
+    def gain(self) -> float:
+        return 0.0 if self.is_muted else self.overall
+
+    def take(self) -> list[ValueChange]:
+        """Apply the newest messages; returns the changes in order of arrival."""
+        changes = []
+        for message, _ in self.receiver.take() if self.receiver else ():
+            change = change_of(message)
+            if change is None:
+                self.ignored += 1
+                continue
+            changes.append(change)
+            if change.target == "all":
+                if change.parameter == "mute":
+                    self.is_muted = bool(change.value)
+                else:
+                    self.overall = change.value
+            elif change.target == "effect":
+                self._change_effect(change)
+        return changes
+
+    def close(self) -> None:
+        """End the receiver."""
+        if self.receiver is not None:
+            self.receiver.close()
+
+    def _change_effect(self, change: ValueChange) -> None:
+        if change.parameter == "intensity":
+            self.intensities[change.name] = change.value
+        elif change.parameter == "mute":
+            self.muted[change.name] = bool(change.value)
+        else:
+            self.parameters[change.name, change.parameter] = change.value
