@@ -44,9 +44,17 @@ class NativeLibraryHook(BuildHookInterface[Any]):
         root = Path(self.root)
         is_editable = version == "editable"
         is_wanted = bool(platform) or any(tag.platform == target.wheel for tag in sys_tags())
-        for builder, place in (
-            (native_build, native_build.NATIVE / target.library),
-            (core_build, core_build.FOLDER / core_build.library_name(target)),
+        for builder, place, loss in (
+            (
+                native_build,
+                native_build.NATIVE / target.library,
+                "its compiled library and works in numpy, slower",
+            ),
+            (
+                core_build,
+                core_build.FOLDER / core_build.library_name(target),
+                "the players' core and without 'hfx feel'",
+            ),
         ):
             library = root / place
             try:
@@ -56,10 +64,7 @@ class NativeLibraryHook(BuildHookInterface[Any]):
             except Exception as error:
                 if platform:
                     raise
-                self.app.display_warning(
-                    f"HFX is installed without {place.name}; contacts are slower, or 'hfx feel' "
-                    f"is missing: {error}"
-                )
+                self.app.display_warning(f"HFX is installed without {loss}: {error}")
                 continue
             if not is_editable and is_wanted:
                 build_data["force_include"][str(library)] = place.as_posix()

@@ -27,8 +27,13 @@ _RESULTS: Final[dict[str, Any]] = {
 
 
 @cache
-def library(path: Path = FOLDER / NAME) -> ctypes.CDLL:
-    """Compiled core; HfxError where the installation has none."""
+def library() -> ctypes.CDLL:
+    """Compiled core of this installation, loaded once; HfxError without one."""
+    return load(FOLDER / NAME)
+
+
+def load(path: Path) -> ctypes.CDLL:
+    """Load a compiled core; HfxError for a missing or foreign file."""
     try:
         core = ctypes.CDLL(str(path))
         for name, result in _RESULTS.items():

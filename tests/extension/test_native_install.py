@@ -12,11 +12,12 @@ from typing import Any
 
 import pytest
 
-from release import native_build
+from release import core_build, native_build
 
 ROOT = Path(__file__).resolve().parents[2]
 
 TARGET = native_build.this_target()
+CORE = "" if TARGET is None else core_build.library_name(TARGET)
 pytestmark = pytest.mark.skipif(TARGET is None, reason="no library is built for this computer")
 
 
@@ -26,7 +27,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.delenv(native_build.SWITCH, raising=False)
     ignored = shutil.ignore_patterns("__pycache__", "*.so*", "*.dll", "*.dylib")
     root = tmp_path / "project"
-    shutil.copytree(ROOT / native_build.NATIVE, root / native_build.NATIVE, ignore=ignored)
+    for folder in (native_build.NATIVE, Path("players", "core"), Path("players", "native")):
+        shutil.copytree(ROOT / folder, root / folder, ignore=ignored)
+    (root / core_build.FOLDER).mkdir(parents=True)
     return root
 
 
@@ -71,8 +74,15 @@ def compiled(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
         path.write_text(native_build.mark(target, root))
         return path
 
+    def build_core(target: Any, folder: Path, zig: Path, root: Path) -> Path:
+        folders.append(folder)
+        path = folder / core_build.library_name(target)
+        path.write_text(core_build.mark(target, root))
+        return path
+
     monkeypatch.setattr(native_build, "compiler", lambda: Path("zig"))
     monkeypatch.setattr(native_build, "build", build)
+    monkeypatch.setattr(core_build, "build", build_core)
     return folders
 
 
@@ -94,7 +104,7 @@ def test_an_editable_installation_compiles_once(
     for _ in range(2):
         hook.initialize("editable", data)
         hook.finalize("editable", data, "")
-    assert compiled == [project / native_build.NATIVE]
+    assert compiled == [project / native_build.NATIVE, project / core_build.FOLDER]
     assert hook.dependencies() == [], "no compiler is fetched the second time"
     assert data == _data() and not hook.warned
 
@@ -106,7 +116,8 @@ def test_a_wheel_holds_the_library_and_says_for_whom(
     data = _data()
     hook.initialize("standard", data)
     assert data["force_include"] == {
-        str(compiled[0] / TARGET.library): f"hfx_blender/engine/native/{TARGET.library}"
+        str(compiled[0] / TARGET.library): f"hfx_blender/engine/native/{TARGET.library}",
+        str(compiled[1] / CORE): f"hfx_tools/live_body/{CORE}",
     }
     assert data["tag"] == f"py3-none-{TARGET.wheel}" and data["pure_python"] is False
     hook.finalize("standard", data, "")
@@ -128,8 +139,10 @@ def test_a_wheel_for_another_platform_holds_its_library(
     monkeypatch.setenv("HFX_PLATFORM", "windows-x64")
     data = _data()
     hook.initialize("standard", data)
-    (name,) = data["force_include"].values()
-    assert name == "hfx_blender/engine/native/hfx_native.dll"
+    assert list(data["force_include"].values()) == [
+        "hfx_blender/engine/native/hfx_native.dll",
+        "hfx_tools/live_body/hfx_core.dll",
+    ]
     assert data["tag"] == "py3-none-win_amd64" and data["pure_python"] is False
 
 
@@ -160,6 +173,7 @@ def test_the_installation_goes_on_without_a_library(
 
         monkeypatch.setattr(native_build, "compiler", lambda: Path("zig"))
         monkeypatch.setattr(native_build, "build", refuse)
+        monkeypatch.setattr(core_build, "build", refuse)
     else:
         words = "crash" if fault == "crashing" else "interface.c:1:1: error: what is this?"
         program = project / "zig"
@@ -169,7 +183,8 @@ def test_the_installation_goes_on_without_a_library(
     data = _data()
     hook.initialize(version, data)
     hook.finalize(version, data, "")
-    (warning,) = hook.warned
+    warning, core_warning = hook.warned
+    assert core_warning.startswith("HFX is installed without the players' core and without 'hfx")
     assert warning.startswith("HFX is installed without its compiled library and works in numpy")
     assert data == _data()
     assert not list(project.rglob("*.so*")), "nothing half written"

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Values of a device on a tracked body: factors, fade of a lost sender, and one-sentence faults."""
+
+from __future__ import annotations
+
+import csv
+import json
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pythonosc.osc_message_builder import OscMessageBuilder
+
+from hfx_blender.cli import run
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.errors import HfxError, InputError, UsageError
+from hfx_blender.tracking.osc_packets import OscMessage
+from hfx_blender.tracking.receiver import OscReceiver, ReceivedMessage
+from hfx_tools.live_body import player_core
+from hfx_tools.live_body.felt_bodies import FeltBodies
+from hfx_tools.live_body.live_values import LiveValues
+
+HIPS = OscMessage("/VMC/Ext/Bone/Pos", ("Hips", *[0.0] * 6, 1.0))
+SILENT = [0.0, 160.0, 0.0, 160.0]
+
+
+class Stage:
+    """Bodies of a clip with messages and a clock of the test."""
+
+    def __init__(self, clip: Path, device: str = "oculus_touch", port: str = "") -> None:
+        self.now_s = 100.0
+        self.news: list[str] = []
+        self.sent: dict[str, Any] = {}
+        self.pose, self.control = _Messages(), _Messages()
+        self.values = LiveValues(self.control)  # type: ignore[arg-type]
+        devices = {device: load_device(device)}
+        ports: dict[str, OscReceiver] = {port: self.pose}  # type: ignore[dict-item]
+        self.bodies = FeltBodies(
+            clip, devices, ports, self.values, self.news.append, lambda: self.now_s
+        )
+
+    def send(self, name: str, values: Any) -> None:
+        self.sent[name] = values
+
+    def step(self, seconds: float = 0.01, *, poses: bool = False, **changes: float) -> list[float]:
+        """Values of the controllers after a step; keywords are changes of the effect."""
+        self.now_s += seconds
+        if poses:
+            self.pose.waiting = [ReceivedMessage(HIPS, self.now_s)]
+        for parameter, value in changes.items():
+            address = f"/hfx/effect/Hit%20%231/{parameter}"
+            if parameter in ("gain", "all_mute"):
+                address = f"/hfx/{parameter.removeprefix('all_')}"
+            message = OscMessage(address, (value,))
+            self.control.waiting.append(ReceivedMessage(message, self.now_s))
+        self.bodies.show(self, self.now_s)  # type: ignore[arg-type]
+        return [round(value, 6) for value in self.sent["oculus_touch"].tolist()]
+
+
+class _Messages:
+    """Stand-in for a receiver."""
+
+    port = 1
+
+    def __init__(self) -> None:
+        self.waiting: list[ReceivedMessage] = []
+
+    def take(self) -> list[ReceivedMessage]:
+        messages, self.waiting = self.waiting, []
+        return messages
+
+
+def test_values_follow_factors_gain_and_mutes(clip: Path) -> None:
+    stage = Stage(clip)
+    assert stage.step(intensity=0.8) == SILENT, "nobody is tracked"
+    # Weight 0.5 * factor 0.8 * 12 m/s^2 = 4.8; the motor has 160 Hz only.
+    assert stage.step(poses=True) == [4.8, 160.0, 0.0, 160.0]
+    assert stage.step(gain=0.5) == [2.4, 160.0, 0.0, 160.0]
+    assert stage.step(all_mute=1.0) == SILENT
+    assert stage.step(all_mute=0.0, gain=1.0) == [4.8, 160.0, 0.0, 160.0]
+    assert stage.step(mute=1.0) == SILENT
+    # 0.5 * 0.8 * 6 m/s^2 = 2.4.
+    assert stage.step(mute=0.0, amplitude_m_s2=6.0) == [2.4, 160.0, 0.0, 160.0]
+    assert stage.step(intensity=float("nan")) == [2.4, 160.0, 0.0, 160.0]
+    assert stage.values.ignored == 1
+
+
+def test_a_lost_sender_fades_within_two_seconds_and_comes_back(clip: Path) -> None:
+    stage = Stage(clip)
+    stage.step(poses=True, intensity=0.8)
+    assert stage.step(0.5) == [4.8, 160.0, 0.0, 160.0]
+    # 0.75 s after the half second, of a fade of 1.5 s: a half.
+    assert stage.step(0.75) == [2.4, 160.0, 0.0, 160.0]
+    assert stage.step(0.75) == SILENT
+    assert stage.step(10.0) == SILENT
+    assert stage.step(poses=True) == [4.8, 160.0, 0.0, 160.0]
+    assert stage.news == [
+        "body 'Anna' is tracked",
+        "body 'Anna' lost its sender and fades to silence",
+        "body 'Anna' is tracked",
+    ]
+
+
+def test_faults_are_one_sentence(clip: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no body 'Ben'|no values for 'oculus_touch' on 'Ben'"):
+        Stage(clip, port="Ben")
+    with pytest.raises(InputError, match="it has no values for 'insoles'"):
+        Stage(clip, "insoles")
+    damaged = tmp_path / "damaged.hfxclip"
+    damaged.write_bytes(clip.read_bytes()[:-4])
+    with pytest.raises(InputError, match="damaged"):
+        Stage(damaged)
+    with pytest.raises(HfxError, match=r"core of the players cannot be loaded .*install"):
+        player_core.load(tmp_path / "missing.so")
+
+
+@pytest.fixture
+def sender() -> Iterator[Any]:
+    """Send the hips 60 times a second until the end of the test, from python-osc's builder."""
+    ended = threading.Event()
+
+    def send(port: int) -> None:
+        builder = OscMessageBuilder("/VMC/Ext/Bone/Pos")
+        builder.add_arg("Hips")
+        for number in (0.0, 0.95, 0.0, 0.0, 0.0, 0.0, 1.0):
+            builder.add_arg(number, "f")
+        intensity = OscMessageBuilder("/hfx/effect/Hit%20%231/intensity")
+        intensity.add_arg(0.8, "f")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outgoing:
+            while not ended.wait(1 / 60):
+                outgoing.sendto(builder.build().dgram, ("127.0.0.1", port))
+                outgoing.sendto(intensity.build().dgram, ("127.0.0.1", port + 1))
+
+    threads: list[threading.Thread] = []
+
+    def start(port: int) -> None:
+        threads.append(threading.Thread(target=send, args=(port,)))
+        threads[-1].start()
+
+    yield start
+    ended.set()
+    for thread in threads:
+        thread.join()
+
+
+def test_the_command_feels_and_records(
+    clip: Path, tmp_path: Path, sender: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = free_ports()
+    sender(port)
+    arguments = ["feel", str(clip), "--device", "oculus_touch", "--to", "log"]
+    arguments += ["--path", str(tmp_path / "log.csv"), "--record", str(tmp_path / "felt.csv")]
+    arguments += ["--vmc", str(port), "--osc", str(port + 1), "--seconds", "1.5", "--json"]
+    assert run(arguments) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["seconds"] == 1.5 and result["devices"] == ["oculus_touch"]
+    log = (tmp_path / "log.csv").read_text(encoding="utf-8").splitlines()
+    assert "stop" in log[-1] and any(",4.8" in line for line in log)
+    rows = list(csv.reader((tmp_path / "felt.csv").open(encoding="utf-8")))
+    assert len(rows[0]) == 5 and rows[0][1].endswith("amplitude_m_s2 [m/s^2]")
+    assert float(rows[-1][1]) == pytest.approx(4.8, abs=1e-5)
+    assert run(["validate", str(tmp_path / "felt.csv")]) == 0
+
+
+def free_ports() -> int:
+    """First of two neighbouring free UDP ports."""
+    while True:
+        first, second = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+        with first, second:
+            first.bind(("127.0.0.1", 0))
+            try:
+                second.bind(("127.0.0.1", first.getsockname()[1] + 1))
+            except (OSError, OverflowError):
+                continue
+            return int(first.getsockname()[1])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--vmc", "1", "--body", "A=2"], "--vmc is the port of a single body"),
+        (["--body", "A"], "expected NAME=PORT"),
+        (["--body", "A=1", "--body", "A=2"], "given twice"),
+        (["--vmc", "70000"], "expected 1 to 65535"),
+        (["--seconds", "nan"], "--seconds nan: expected more than 0"),
+        (["--sender", "everyone"], "expected an address"),
+        (["--record", "x.jsonl"], "--record: expected"),
+    ],
+)
+def test_wrong_options_are_one_sentence(
+    clip: Path, options: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["feel", str(clip), "--device", "oculus_touch", "--to", "simulator", *options]
+    assert run(arguments) == UsageError.exit_code
+    assert words in capsys.readouterr().err
