@@ -18,7 +18,6 @@ from mathutils import Matrix, Quaternion, Vector
 from ..engine.body.rigs.vocabulary import FINGERS
 from ..errors import InputError
 from ..tracking.vmc_body import PARENTS
-from . import bone_table
 
 POSE_BEFORE: Final = "hfx_pose_before"
 """ID property of a tracked armature: channels of the pose before, and muted constraints. The
@@ -84,6 +83,8 @@ class TrackedRig:
     """
 
     def __init__(self, armature: bpy.types.Object) -> None:
+        from . import bone_table  # loads numpy, not needed before a body is tracked
+
         self._bones = bone_table.mapping_of(armature).bones
         human = {bone: _HUMAN[joint] for joint, bone in self._bones.items() if joint in _HUMAN}
         # From below: the highest bone of the spine follows the highest tracked part.
