@@ -11,12 +11,11 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 import bpy
 from bpy.app.handlers import persistent
 
-from ...avatars.tracked_action import RigRecording
 from ...avatars.tracked_rig import HumanPose, TrackedRig, keep_pose, restore_pose
 from ...blender.events import add_handlers, call_soon, redraw, remove_handlers, remove_timers
 from ...blender.scene_info import fps_of
@@ -26,6 +25,9 @@ from .listening import listening
 from .live import live
 from .live_handlers import is_playing
 from .vr_source import create_actions
+
+if TYPE_CHECKING:
+    from ...avatars.tracked_action import RigRecording
 
 STEP_S: Final = 1.0 / 60.0
 LOST_S: Final = 0.5
@@ -138,6 +140,8 @@ class BodyTracking:
 
     def record(self, tracker: Tracker, scene: bpy.types.Scene) -> None:
         """Begin a recording at the current frame."""
+        from ...avatars.tracked_action import RigRecording  # loads numpy
+
         tracker.recording = RigRecording(tracker.rig, scene.frame_current)
 
     def finish_recording(self, tracker: Tracker, scene: bpy.types.Scene) -> bpy.types.Action:
