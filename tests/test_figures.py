@@ -26,8 +26,8 @@ from hfx_blender.formats.device_files import (
     tact,
 )
 from hfx_blender.formats.hjif import envelopes, semantics
-from hfx_blender.formats.rasters import signal_raster
 from hfx_blender.formats.sound import wav, waveforms
+from hfx_tools.formats import signal_raster
 from hfx_tools.spatial_sound import hearing, loudspeakers
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Commands of ``hfx_tools``, missing in the extension's zip.
 
-Only this module names the package ``hfx_tools``: an installed extension has none.
+Only this module imports the package ``hfx_tools``: an installed extension has none.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ Readers tolerate some findings, and describe these as sentences.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -119,11 +119,6 @@ def refuse_untolerated(
             raise InputError(f"{name}: {shown(item)} is out of any range, allowed is up to 1e15.")
     warnings = [finding for finding in findings if finding.severity == "warning"]
     return _sentences(errors, "not valid but read: ") + _sentences(warnings, "")
-
-
-def as_fact(key: str, sentences: Sequence[str]) -> dict[str, Any]:
-    """Dict of ``key`` and a row ``{"": sentence}`` for each sentence; empty without sentences."""
-    return {key: [{"": sentence} for sentence in sentences]} if sentences else {}
 
 
 def _sentences(findings: list[Finding], begin: str) -> tuple[str, ...]:

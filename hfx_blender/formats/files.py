@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of any registered format: detection, validation, signals and facts.
+"""Files of any registered format: detection, validation and signals.
 
 Files are validated before they get their names. A conversion validates every file. An export
 validates only formats with rules on the number of points, durations and frequencies (1 % of the
@@ -9,18 +9,13 @@ envelopes here: keyframe writers read their files back for the error notes.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
-from xml.parsers import expat
+from typing import Final
 
-from ..engine.track import TrackReader
-from ..errors import InputError, OutputError, refuse_no_file
+from ..errors import InputError, refuse_no_file
 from ..files import limits
-from ..files.findings import Finding, as_fact, refuse_errors
+from ..files.findings import Finding
 from ..files.kinds import title_of
 from ..files.strict_json import mapped, mapped_data, read_bytes, read_data
 from .registry import FORMATS, FormatInfo
@@ -52,24 +47,6 @@ def format_of(path: Path) -> FormatInfo:
     raise InputError(f"{path}: is {title_of(path)}, which is no known format; known are {known}.")
 
 
-def refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
-    """Raise OutputError for an existing file other than ``target`` without HFX's first bytes.
-    Missing files are ignored, an unreadable file counts as another program's; returns nothing."""
-    for path in files:
-        if path == target or not path.is_file():
-            continue
-        starts = (info.own_start for info in FORMATS.values() if path.name.endswith(info.suffix))
-        start = next(filter(None, starts), None)
-        head = b""  # an unreadable file counts as another program's
-        with suppress(OSError), path.open("rb") as file:
-            head = file.read(_HEAD)
-        if start is None or not re.match(start, head, re.DOTALL):
-            raise OutputError(
-                f"{path}: cannot be written (another program's file has this name); "
-                f"'{target.name}' needs this name: choose another target."
-            )
-
-
 def _formats_without_check() -> list[FormatInfo]:
     """Formats with a validating reader ``read``: large files, or files with companions."""
     return [info for info in FORMATS.values() if info.read]
@@ -82,13 +59,6 @@ def is_known(path: Path) -> bool:
     except InputError:
         return False
     return True
-
-
-def can_validate(path: Path) -> bool:
-    """Test for a file of a format with ``check`` or ``read``; ``.json`` files are read."""
-    return any(path.name.endswith(info.suffix) for info in _formats_without_check()) or is_known(
-        path
-    )
 
 
 def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Finding]]:
@@ -125,40 +95,6 @@ def _finding(info: FormatInfo, code: str, error: InputError, path: Path) -> Find
     """Finding ``<FORMAT>-<code>`` with a reader's message without path and full stop."""
     message = str(error).removeprefix(f"{path}: ").rstrip(".")
     return Finding(f"{info.id.upper()}-{code}", "", message)
-
-
-def read_track(path: Path) -> None:
-    """Read a whole track file, run by run in bounded memory, to check it; InputError if damaged.
-    Returns nothing."""
-    with TrackReader(path) as track:
-        for _ in track.runs():
-            pass
-
-
-def read_blend(path: Path) -> None:
-    """Raise InputError for a file without the first bytes of a ``.blend`` (plain or zstd)."""
-    if not mapped(path)[:7].startswith((b"BLENDER", b"\x28\xb5\x2f\xfd")):
-        raise InputError(f"{path}: is no .blend file.")
-
-
-def read_svg(path: Path) -> None:
-    """Check an SVG file; InputError for malformed XML or a root element other than ``svg``. Returns
-    nothing; the drawing is not interpreted."""
-    root = ""
-    # expat resolves no external entities: a drawing cannot read other files.
-    parser = expat.ParserCreate()
-
-    def begin(name: str, attributes: dict[str, str]) -> None:
-        nonlocal root
-        root, parser.StartElementHandler = name, None
-
-    parser.StartElementHandler = begin
-    try:
-        parser.Parse(read_bytes(path), True)
-    except expat.ExpatError as error:
-        raise InputError(f"{path}: is not valid XML ({error}).") from None
-    if root != "svg":
-        raise InputError(f"{path}: begins with '{root[:60]}', expected is 'svg'.")
 
 
 def fault_of(path: Path, *, reads: bool = True) -> str:
@@ -220,45 +156,3 @@ def read_signals(path: Path) -> tuple[list[Signal], FrequencyRange]:
 
         signals = with_companion_ticks(path, signals)
     return signals, frequencies
-
-
-def facts_of(path: Path) -> dict[str, Any]:
-    """Return a file's format, size, validity and content for ``hfx info``.
-
-    Of a format without ``facts``: metadata, notes and losses if any, the range of frequencies, and
-    a row per signal. Errors of formats with ``decode`` are only counted, as readers tolerate some.
-    Raises InputError for invalid files of further formats, and for unknown or unreadable files.
-    """
-    info, findings = validate(path)
-    errors = [finding for finding in findings if finding.severity == "error"]
-    # Readers of envelopes tolerate some errors, others would fail on them.
-    if not info.decode:
-        refuse_errors(errors, str(path))
-    facts: dict[str, Any] = {
-        "file": str(path),
-        "format": info.title,
-        "bytes": path.stat().st_size,
-        "valid": f"no, {len(errors)} errors (run 'hfx validate' for a list)" if errors else "yes",
-    }
-    if info.facts:
-        return facts | info.function("facts")(path)
-    signals, frequencies = read_signals(path)
-    notes = [note for signal in signals for note in signal.notes]
-    left_out = [note for signal in signals for note in signal.left_out]
-    return facts | {
-        **({"metadata": texts} if signals and (texts := signals[0].credits.texts) else {}),
-        **as_fact("notes", notes),
-        **as_fact("left_out", left_out),
-        "lowest_hz": frequencies.lowest_hz,
-        "highest_hz": frequencies.highest_hz,
-        "signals": [
-            {
-                "signal": signal.name,
-                "seconds": round(signal.duration_s, 6),
-                "peak": round(float(signal.amplitude.values.max()), 4),
-                "keyframes": len(signal.amplitude),
-                "transients": len(signal.transients),
-            }
-            for signal in signals
-        ],
-    }

@@ -22,7 +22,9 @@ class FormatInfo:
     """File format: its names, contents and functions.
 
     A function is named ``"module:function"`` below :mod:`hfx_blender.formats`, empty for none;
-    :meth:`function` imports it. The smallest entry is a format with a check only::
+    :meth:`function` imports it. Functions of ``hfx_tools`` serve commands that Blender lacks: an
+    installed extension names these functions, and never imports them. The smallest entry is a
+    format with a check only::
 
         FormatInfo("x", "X file", ".x", check="folder.module:validate")
 
@@ -68,7 +70,8 @@ class FormatInfo:
         """Import and return the function named in field ``kind``, which must not be empty:
         ``info.function("check")(content, name)``."""
         module, _, name = getattr(self, kind).partition(":")
-        function: Callable[..., Any] = getattr(import_module(f"{__package__}.{module}"), name)
+        path = module if module.startswith(_TOOLS) else f"{__package__}.{module}"
+        function: Callable[..., Any] = getattr(import_module(path), name)
         return function
 
     @property
@@ -86,6 +89,7 @@ class FormatInfo:
         return tuple(m for m in modalities if self.modalities is None or m in self.modalities)
 
 
+_TOOLS: Final = "hfx_tools.formats."
 _VIBRATION: Final = ("vibration",)
 _OF_HE: Final = frozenset({"created"})
 _START_OF_HE: Final = rb'\{"Meta[Dd]ata":\{"Version":.*?; 0 to 100 is \S+ to \S+ Hz"\},"'
@@ -98,7 +102,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             "HapticTrack",
             ".hfxtrack",
             dialog=("Haptic Track", "Samples of all effects, for any device (.hfxtrack)", 0),
-            read="files:read_track",
+            read=f"{_TOOLS}whole_files:read_track",
         ),
         FormatInfo(
             "hjif",
@@ -116,7 +120,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             write_signals="hjif.from_actuators:write_signals",
             check="hjif.hjif_rules:validate",
             decode="hjif.to_signals:decode",
-            facts="hjif.hjif_reader:facts",
+            facts=f"{_TOOLS}facts:hjif_facts",
         ),
         FormatInfo(
             "jsonl",
@@ -125,8 +129,8 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             dialog=("JSON Lines", "Samples of all effects as lines of JSON, for game engines", 2),
             read_suffix=".jsonl",
             write_track="jsonl_samples:export",
-            check="jsonl_samples:validate",
-            facts="jsonl_samples:facts",
+            check=f"{_TOOLS}jsonl_rules:validate",
+            facts=f"{_TOOLS}jsonl_rules:facts",
         ),
         FormatInfo(
             "glb",
@@ -137,7 +141,7 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             check="glb.glb:validate",
             unchecked="only the members used by HFX were checked; Khronos' gltf-validator "
             "checks all rules of glTF",
-            facts="glb.glb:facts",
+            facts=f"{_TOOLS}facts:glb_facts",
         ),
         FormatInfo(
             "clip",
@@ -145,8 +149,8 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             ".hfxclip",
             dialog=("Game Clip", "Output of devices, for players in games (.hfxclip)", 18),
             write_played="clip.clip_writer:write",
-            check="clip.clip_rules:validate",
-            facts="clip.clip_writer:facts",
+            check=f"{_TOOLS}clip_rules:validate",
+            facts=f"{_TOOLS}facts:clip_facts",
         ),
         FormatInfo(
             "csv",
@@ -154,9 +158,9 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             ".csv",
             dialog=("CSV", "Values of each device, a row for each sample", 4),
             write_raster="rasters.csv_raster:export",
-            check="rasters.csv_raster:validate",
-            read_raster="rasters.csv_raster:read",
-            facts="rasters.csv_raster:facts",
+            check=f"{_TOOLS}csv_reader:validate",
+            read_raster=f"{_TOOLS}csv_reader:read",
+            facts=f"{_TOOLS}csv_reader:facts",
         ),
         FormatInfo(
             "npz",
@@ -164,9 +168,9 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             ".raster.npz",
             dialog=("NPZ Raster", "Values of each device, as NumPy arrays", 5),
             write_raster="rasters.npz_raster:export",
-            check="rasters.npz_raster:validate",
-            read_raster="rasters.npz_raster:read",
-            facts="rasters.npz_raster:facts",
+            check=f"{_TOOLS}npz_reader:validate",
+            read_raster=f"{_TOOLS}npz_reader:read",
+            facts=f"{_TOOLS}npz_reader:facts",
         ),
         FormatInfo(
             "wav",
@@ -177,8 +181,8 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             holds_waves=True,
             companions=(".channels.json",),
             write_raster="sound.wav:export",
-            check="sound.wav_rules:validate",
-            facts="sound.wav_rules:facts",
+            check=f"{_TOOLS}wav_rules:validate",
+            facts=f"{_TOOLS}wav_rules:facts",
         ),
         FormatInfo(
             "ahap",
@@ -273,13 +277,13 @@ FORMATS: Final[dict[str, FormatInfo]] = {
             "channels of a WAV",
             ".channels.json",
             own_start=rb'\{\n  "format": "hfx-',
-            check="sound.wav_rules:validate_channels",
-            facts="sound.wav_rules:channel_facts",
+            check=f"{_TOOLS}wav_rules:validate_channels",
+            facts=f"{_TOOLS}wav_rules:channel_facts",
         ),
         FormatInfo("texture", "texture map", TEXTURE_MAP_SUFFIX, read="pictures.texture_map:read"),
         FormatInfo("picture", "PNG", ".png", read="pictures.png:read"),
-        FormatInfo("chart", "SVG picture", ".svg", read="files:read_svg"),
-        FormatInfo("scene", "Blender file", ".blend", read="files:read_blend"),
+        FormatInfo("chart", "SVG picture", ".svg", read=f"{_TOOLS}whole_files:read_svg"),
+        FormatInfo("scene", "Blender file", ".blend", read=f"{_TOOLS}whole_files:read_blend"),
     )
 }
 

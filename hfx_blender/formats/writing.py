@@ -18,7 +18,6 @@ from ..files import limits
 from ..files.limits import TooLargeError
 from ..text import name_key
 from .clip.spatial_recorder import SpatialRecorder
-from .rasters import raster_rules
 from .registry import FORMATS, FormatInfo, refuse_unknown
 from .signals import losses
 from .signals.curves import clipped
@@ -52,7 +51,7 @@ def write(
         )
     # Rows of a table take memory, envelopes time: each is limited before writing.
     if info.read_raster:
-        raster_rules.refuse_large(raster, info.title)
+        refuse_large(raster, info.title)
     elif info.write_signals or info.decode:
         limits.SECONDS.check(len(raster.times_s) / float(raster.rate_hz), info.title, _LASTS)
     if info.write_raster:
@@ -213,3 +212,10 @@ def write_all(
                     why = f"device '{device.id}': {str(error).removesuffix('.')}"
             written += Written(left_out=(f"{why}: no {info.title} for it",))
     return written
+
+
+def refuse_large(raster: Raster, name: str) -> None:
+    """Raise TooLargeError for a raster with more seconds or bytes of values than readers take."""
+    times = raster.times_s
+    limits.SECONDS.check(len(times) / float(raster.rate_hz), name, "its rows last")
+    limits.MEMORY.check(8.0 * (times.size + raster.values.size), name, "its values would take")

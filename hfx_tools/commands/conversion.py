@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -19,16 +22,19 @@ from hfx_blender.errors import InputError, OutputError, UsageError
 from hfx_blender.files import limits
 from hfx_blender.files.atomic import inputs_kept, refuse_device
 from hfx_blender.files.staging import place, staging
-from hfx_blender.formats.files import fault_of, format_of, read_signals, refuse_foreign_files
+from hfx_blender.formats.files import fault_of, format_of, read_signals
 from hfx_blender.formats.hjif.semantics import is_date
-from hfx_blender.formats.rasters import csv_raster, raster_rules
-from hfx_blender.formats.rasters.signal_raster import RATE_HZ, raster_of
+from hfx_blender.formats.rasters import csv_raster
 from hfx_blender.formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown, target_of
 from hfx_blender.formats.signals.signals import DEFAULT_TOLERANCE, Credits, Signal, distinct
 from hfx_blender.formats.sound import wav
 from hfx_blender.formats.writing import write, write_signals
 from hfx_blender.formats.written import Written, part_path
 
+from ..formats import raster_rules
+from ..formats.signal_raster import RATE_HZ, raster_of
+
+_START_BYTES: Final = 1 << 16  # bytes compared with those that HFX writes first
 _READ_AGAIN: Final = 64 << 20  # bytes
 _BY_ROWS: Final = tuple(FORMATS[id].suffix for id in ("csv", "npz", "wav"))
 
@@ -89,7 +95,7 @@ def convert(
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
         finals = [target.parent / path.name for path in written.files]
-        refuse_foreign_files(finals, target.with_name(stem + info.suffix))
+        _refuse_foreign_files(finals, target.with_name(stem + info.suffix))
         files = place(written.files, target.parent)
     return replace(written, files=files)
 
@@ -269,3 +275,21 @@ def _raster(source: Path, info: FormatInfo, device: DeviceConfig) -> Raster:
     if info.id != "csv" and raster.device_id != device.id:
         raise InputError(f"{source}: is for the device '{raster.device_id}', not '{device.id}'.")
     return replace(raster, device_id=device.id)
+
+
+def _refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
+    """Raise OutputError for an existing file other than ``target`` without HFX's first bytes.
+    Missing files are ignored, an unreadable file counts as another program's; returns nothing."""
+    for path in files:
+        if path == target or not path.is_file():
+            continue
+        starts = (info.own_start for info in FORMATS.values() if path.name.endswith(info.suffix))
+        start = next(filter(None, starts), None)
+        head = b""  # an unreadable file counts as another program's
+        with suppress(OSError), path.open("rb") as file:
+            head = file.read(_START_BYTES)
+        if start is None or not re.match(start, head, re.DOTALL):
+            raise OutputError(
+                f"{path}: cannot be written (another program's file has this name); "
+                f"'{target.name}' needs this name: choose another target."
+            )

@@ -56,7 +56,9 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Print the facts of a file, as text or JSON; returns 0. InputError for an unknown suffix."""
-    from hfx_blender.formats.files import facts_of, is_known
+    from hfx_blender.formats.files import is_known
+
+    from ..formats.facts import facts_of
 
     readers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file

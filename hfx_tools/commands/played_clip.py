@@ -15,8 +15,9 @@ from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import columns_of
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import read_data
-from hfx_blender.formats.clip import baked, clip_rules
 from hfx_blender.formats.clip.container import Records, Sections, texts_at
+
+from ..formats import clip_rules
 
 if TYPE_CHECKING:
     from hfx_blender.devices.live.client import LiveClient
@@ -140,7 +141,7 @@ def _rows_of(sections: Sections, actuator: int) -> _Rows:
     """Rows of the actuator with this record number; the distance is of the first column's number
     in the file from the neutral one."""
     at = sections["ACTR"][actuator]
-    rows, values = baked.values_of(sections, actuator)
+    rows, values = clip_rules.values_of(sections, actuator)
     first, columns = int(at["first_value"]), int(at["columns"])
     numbers = sections["VALU"][first : first + len(rows) * columns : columns].astype(np.int64)
     neutral = int(sections["COLM"]["neutral_number"][int(at["first_column"])])

@@ -48,15 +48,17 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 def _known_in(folder: Path) -> list[Path]:
     """Visible files of known formats in a folder and its subfolders, sorted; InputError without."""
-    from hfx_blender.formats.files import can_validate
+    from hfx_blender.formats.files import is_known
+    from hfx_blender.formats.registry import FORMATS
 
+    read_whole = tuple(info.suffix for info in FORMATS.values() if info.read)
     # Hidden files are caches and unfinished results.
     files = [
         path
         for path in sorted(folder.rglob("[!.]*"))
         if (path.is_file() or not path.exists())  # a broken link does not exist
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
-        and (kind_of(path) or can_validate(path))
+        and (kind_of(path) or path.name.endswith(read_whole) or is_known(path))
     ]
     if not files:
         raise InputError(f"{folder}: holds no file of a format that is known here.")

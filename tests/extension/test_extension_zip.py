@@ -27,6 +27,7 @@ import build_addon
 import hfx_blender
 from hfx_blender import cli
 from hfx_blender.commands import left_out
+from hfx_blender.formats.registry import FORMATS
 from release import (
     addon_wheels,
     native_build,
@@ -141,9 +142,20 @@ def test_packed_modules_import_packed_modules_only() -> None:
                 f"{module_name(path)}:{actual.line} imports {actual.module}"
             )
         # These modules search for commands of a pip installation.
-        if path.name not in ("left_out.py", "child.py", "start.py"):
+        if path.name not in ("left_out.py", "child.py", "start.py", "registry.py"):
             code = re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text(encoding="utf-8"))
             assert "hfx_tools" not in code, path
+
+
+def test_functions_of_formats_that_blender_calls_are_packed() -> None:
+    # Exports call the writers, and the checks of formats with envelopes; imports decode envelopes.
+    for info in FORMATS.values():
+        called = ["write_track", "write_played", "write_raster", "write_signals", "held", "decode"]
+        called += ["why_nothing", *(["check"] if info.decode else [])]
+        for kind in called:
+            assert not getattr(info, kind).startswith("hfx_tools."), (info.id, kind)
+        for kind in ("check", "read", "read_raster", "facts"):
+            assert not getattr(info, kind) or callable(info.function(kind)), (info.id, kind)
 
 
 def test_left_out_commands_say_where_they_are(

@@ -40,6 +40,7 @@ from hfx_blender.formats.signals.signals import FrequencyRange, Piece, Signal, m
 from hfx_blender.formats.writing import write_signals
 from hfx_tools.commands import conversion
 from hfx_tools.commands.conversion import convert
+from hfx_tools.formats import npz_reader
 
 MOST_BYTES = 24 << 20  # limit of a refusal
 
@@ -175,7 +176,7 @@ def test_a_small_track_of_many_samples_is_refused_at_once(tmp_path, count, rate_
 def test_a_long_track_is_converted(tmp_path):
     path = long_track(tmp_path, 60_000, 1000)
     convert(path, tmp_path / "x.raster.npz", device="phone_lra")
-    assert len(npz_raster.read(tmp_path / "x.raster.npz").times_s) == 60_000
+    assert len(npz_reader.read(tmp_path / "x.raster.npz").times_s) == 60_000
 
 
 def archive(raster, folder, **arrays):
@@ -203,11 +204,11 @@ def test_an_archive_is_not_unpacked_before_its_shapes_fit(tmp_path, key):
     raster = raster_for(load_device("back_pad"), rows=20)
     wrong = archive(raster, tmp_path, **{key: array((7 << 20,), 56 << 20)})
     assert len(wrong) < 1 << 18
-    refused(lambda: npz_raster.decode(wrong, "x"), "allowed is float64 of")
+    refused(lambda: npz_reader.decode(wrong, "x"), "allowed is float64 of")
     lying = archive(raster, tmp_path, **{key: array((1 << 40, 16), 56 << 20)})
-    refused(lambda: npz_raster.decode(lying, "x"), "an array of the wrong size")
+    refused(lambda: npz_reader.decode(lying, "x"), "an array of the wrong size")
     with limits.raised(0.05):
-        refused(lambda: npz_raster.decode(wrong, "x"), "would take 5.* allowed are 53,687,091")
+        refused(lambda: npz_reader.decode(wrong, "x"), "would take 5.* allowed are 53,687,091")
 
 
 @pytest.mark.parametrize(
@@ -218,7 +219,7 @@ def test_heads_that_are_no_python_are_refused(tmp_path, head):
     raster = raster_for(load_device("back_pad"), rows=20)
     content = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head
     with pytest.raises(InputError, match=r"^x: not a raster archive"):
-        npz_raster.decode(archive(raster, tmp_path, values=content), "x")
+        npz_reader.decode(archive(raster, tmp_path, values=content), "x")
 
 
 UNEVEN = {

@@ -31,6 +31,7 @@ from hfx_blender.formats.signals.signals import (
 )
 from hfx_blender.formats.sound import wav
 from hfx_tools.commands.conversion import convert
+from hfx_tools.formats import npz_reader
 
 ENVELOPES = ["ahap", "haptic", "he", "he1", "openharmony", "openxr"]
 
@@ -170,7 +171,7 @@ def test_one_signal_is_played_by_all_vibration_actuators_of_a_device(tmp_path, t
     assert ("500 times a second" in " ".join(written.notes)) and not written.left_out
     if target != "raster.npz":
         return
-    raster = npz_raster.read(written.files[0])
+    raster = npz_reader.read(written.files[0])
     device = load_device("back_pad")
     assert len(raster.values) == 500 and len(raster.actuators) == 20
     for k, column in enumerate(raster.columns):
@@ -184,7 +185,7 @@ def test_signals_go_to_the_actuators_of_their_names(tmp_path):
     device = load_device("back_pad")
     first = writing.write("openxr", raster_for(device, rows=60), device, tmp_path / "x").files[0]
     back = convert(first, tmp_path / "y.raster.npz", device="back_pad")
-    raster = npz_raster.read(back.files[0])
+    raster = npz_reader.read(back.files[0])
     dense, _ = signals_of(raster_for(device, rows=60), device)
     scale = device.actuators[0].type.strength.highest
     for index, signal_before in enumerate(dense):
@@ -200,7 +201,7 @@ def test_a_tick_is_a_burst_that_fades(tmp_path):
     ticking = signal([0, 0, 0], rate_hz=2.0, transients=[Transient(0.1011, 0.8, 100.0)])
     haptic.write([ticking], RANGE, tmp_path / "x")
     written = convert(tmp_path / "x.r1c1.haptic", tmp_path / "y.raster.npz", device="back_pad")
-    raster = npz_raster.read(written.files[0])
+    raster = npz_reader.read(written.files[0])
     scale = load_device("back_pad").actuators[0].type.strength.highest
     shares = raster.values[:, 0] / scale
     assert shares[51] == pytest.approx(0.8, abs=0.01)  # the first row after 0.1011 s

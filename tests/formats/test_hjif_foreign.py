@@ -11,7 +11,6 @@ from test_hjif import at, basis, sample
 
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
-from hfx_blender.formats.files import facts_of
 from hfx_blender.formats.hjif import (
     bands,
     hjif_reader,
@@ -22,6 +21,7 @@ from hfx_blender.formats.hjif import (
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.sound.waveforms import Waveform, piece_of
 from hfx_tools.commands.conversion import convert
+from hfx_tools.formats.facts import facts_of
 
 RATE = 8000
 DIGITS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"

@@ -23,6 +23,7 @@ from hfx_blender.formats.files import format_of, validate, without_invalid_files
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.registry import FORMATS
 from hfx_tools.commands.played_clip import PlayedClip
+from hfx_tools.formats import npz_reader
 
 DEVICE = load_device("phone_lra")  # one vibration actuator: 2 columns and the times
 OF_DEVICES = tuple(id for id in FORMATS if id not in ("track", "glb"))
@@ -85,4 +86,4 @@ def test_a_highly_compressed_silent_raster_is_read(
     path = tmp_path / "a.raster.npz"
     npz_raster.write(raster_for(DEVICE, np.zeros((rows, 2)), rows=rows), path)
     assert path.stat().st_size < 24 * rows / 10
-    assert len(npz_raster.read(path).times_s) == rows
+    assert len(npz_reader.read(path).times_s) == rows

@@ -21,13 +21,13 @@ from hfx_blender.formats.device_files import ahap, haptic, he, tact
 from hfx_blender.formats.device_files.tact_layouts import Motor
 from hfx_blender.formats.files import read_signals
 from hfx_blender.formats.hjif import from_actuators
-from hfx_blender.formats.rasters import signal_raster
 from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals import losses, signals
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient
 from hfx_blender.formats.signals.simplified_writer import error_note
 from hfx_tools.commands import conversion
+from hfx_tools.formats import signal_raster
 
 DEVICE = load_device("phone_lra")
 ITS_HZ = DEVICE.actuators[0].type.controls[1].neutral

@@ -19,6 +19,7 @@ from hfx_blender.engine.rendering.raster import Column, FeltStream, Raster, Shor
 from hfx_blender.engine.samples import Stream
 from hfx_blender.errors import InputError
 from hfx_blender.formats.rasters import csv_raster, npz_raster
+from hfx_tools.formats import csv_reader, npz_reader
 
 EXTREME = st.floats(allow_nan=False, allow_infinity=False)
 NAMES = st.text(max_size=12)
@@ -66,7 +67,7 @@ def test_an_npz_keeps_every_bit(tmp_path_factory, data):
     raster = made(values, names, (felt_stream,) * data.draw(st.integers(0, 2)))
     path = tmp_path_factory.mktemp("npz") / "x.raster.npz"
     npz_raster.write(raster, path)
-    same(raster, npz_raster.read(path))
+    same(raster, npz_reader.read(path))
 
 
 @pytest.mark.parametrize("shape", [(100_000, 3), (10, 2000)])
@@ -74,7 +75,7 @@ def test_large_rasters(tmp_path, shape):
     values = np.random.default_rng(1).uniform(0, 40, shape)
     raster = made(values, [f"a{k}" for k in range(shape[1])], ())
     npz_raster.write(raster, tmp_path / "x.raster.npz")
-    same(raster, npz_raster.read(tmp_path / "x.raster.npz"))
+    same(raster, npz_reader.read(tmp_path / "x.raster.npz"))
     npz_raster.write(raster, tmp_path / "y.raster.npz")
     assert (tmp_path / "x.raster.npz").read_bytes() == (tmp_path / "y.raster.npz").read_bytes()
 
@@ -89,7 +90,7 @@ def test_numpy_reads_raster_files(tmp_path):
 def test_a_csv_is_read_back_to_nine_digits(tmp_path):
     raster = raster_for(load_device("back_pad"))
     csv_raster.write(raster, tmp_path / "x.csv")
-    actual = csv_raster.read(tmp_path / "x.csv")
+    actual = csv_reader.read(tmp_path / "x.csv")
     np.testing.assert_allclose(actual.values, raster.values, rtol=5e-9)
     assert actual.columns == raster.columns and actual.actuators == raster.actuators
     assert actual.rate_hz == raster.rate_hz
@@ -114,7 +115,7 @@ def test_a_csv_is_read_back_to_nine_digits(tmp_path):
 )
 def test_an_invalid_table_is_refused(content):
     with pytest.raises(InputError, match=r"^x: "):
-        csv_raster.decode(content, "x")
+        csv_reader.decode(content, "x")
 
 
 def archive(**arrays):
@@ -131,7 +132,7 @@ def test_damaged_archives_are_refused(tmp_path):
         arrays = dict(actual)
     for name in arrays:
         with pytest.raises(InputError):
-            npz_raster.decode(archive(**{k: v for k, v in arrays.items() if k != name}), "x")
+            npz_reader.decode(archive(**{k: v for k, v in arrays.items() if k != name}), "x")
     broken = {
         "values": arrays["values"][:, 1:],
         "times_s": arrays["times_s"].astype(np.float32),
@@ -140,12 +141,12 @@ def test_damaged_archives_are_refused(tmp_path):
     }
     for name, value in broken.items():
         with pytest.raises(InputError):
-            npz_raster.decode(archive(**{**arrays, name: value}), "x")
+            npz_reader.decode(archive(**{**arrays, name: value}), "x")
     for cut in (0, 10, len(data) // 2, len(data) - 1):
         with pytest.raises(InputError):
-            npz_raster.decode(data[:cut], "x")
+            npz_reader.decode(data[:cut], "x")
     with pytest.raises(InputError):
-        npz_raster.decode(archive(**arrays, pickled=np.array([{}], object)), "x")
+        npz_reader.decode(archive(**arrays, pickled=np.array([{}], object)), "x")
 
 
 def test_an_array_whose_header_ends_in_the_middle_is_refused():
@@ -155,7 +156,7 @@ def test_an_array_whose_header_ends_in_the_middle_is_refused():
     with zipfile.ZipFile(file, "w") as one:
         one.writestr("values.npy", content)
     with pytest.raises(InputError, match="damaged"):
-        npz_raster.decode(file.getvalue(), "x")
+        npz_reader.decode(file.getvalue(), "x")
 
 
 def test_an_archive_that_would_fill_the_memory_is_refused():
@@ -166,7 +167,7 @@ def test_an_archive_that_would_fill_the_memory_is_refused():
     at = small.rfind(b"PK\x01\x02")
     small[at + 24 : at + 28] = (2**32 - 2).to_bytes(4, "little")  # the claimed size
     with pytest.raises(InputError, match="would take"):
-        npz_raster.decode(bytes(small), "x")
+        npz_reader.decode(bytes(small), "x")
 
 
 def test_an_npz_in_fortran_order_is_read_and_one_without_columns_is_warned_of(tmp_path):
@@ -176,9 +177,9 @@ def test_an_npz_in_fortran_order_is_read_and_one_without_columns_is_warned_of(tm
         turned = {name: np.asfortranarray(array) for name, array in arrays.items()}
     file = io.BytesIO()
     np.savez_compressed(file, **turned)
-    same(npz_raster.decode(file.getvalue(), "x"), raster)
+    same(npz_reader.decode(file.getvalue(), "x"), raster)
     npz_raster.write(made(np.zeros((3, 0)), [], ()), tmp_path / "y.raster.npz")
-    (finding,) = npz_raster.validate((tmp_path / "y.raster.npz").read_bytes(), "y")
+    (finding,) = npz_reader.validate((tmp_path / "y.raster.npz").read_bytes(), "y")
     assert (finding.code, finding.severity) == ("NPZ-COLUMNS", "warning")
 
 
@@ -186,4 +187,4 @@ def test_an_npz_in_fortran_order_is_read_and_one_without_columns_is_warned_of(tm
 def test_times_at_the_ends_of_all_numbers_are_refused_without_a_warning():
     text = b"time_s,a.pressure_kpa [kPa]\n-1.7e308,1\n0,1\n1.7e308,1\n"
     with pytest.raises(InputError, match="evenly"):
-        csv_raster.decode(text, "x")
+        csv_reader.decode(text, "x")

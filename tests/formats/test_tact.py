@@ -18,8 +18,8 @@ from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import writing
 from hfx_blender.formats.device_files import tact
 from hfx_blender.formats.device_files.tact_layouts import Motor, motors_of
-from hfx_blender.formats.rasters import npz_raster
 from hfx_tools.commands.conversion import convert
+from hfx_tools.formats import npz_reader
 
 BACK = Motor("Vest", "VestBack", 0)
 
@@ -292,7 +292,7 @@ def test_a_file_of_a_suit_is_played_by_the_device_of_its_dots(tmp_path):
         effect["modes"][group] = mode
     (tmp_path / "x.tact").write_bytes(encoded(actual))
     convert(tmp_path / "x.tact", tmp_path / "x.raster.npz", device="bhaptics_tactsuit_x40")
-    raster = npz_raster.read(tmp_path / "x.raster.npz")
+    raster = npz_reader.read(tmp_path / "x.raster.npz")
     suit = load_device("bhaptics_tactsuit_x40")
     motors = dict(zip(suit.output.encoder.dots, suit.actuators, strict=True))
     full = suit.actuators[0].type.strength.highest

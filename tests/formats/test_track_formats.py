@@ -30,6 +30,7 @@ from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import jsonl_samples
 from hfx_blender.formats.glb import glb
+from hfx_tools.formats import jsonl_rules
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "formats" / "samples.schema.json"
 
@@ -41,11 +42,11 @@ def test_samples_are_those_of_the_track(tmp_path, modality):
     with track_of(tmp_path, modality, "volume", BEAT) as track:
         jsonl_samples.write(track, path)
         runs = list(track.runs())
-    assert jsonl_samples.validate(path.read_bytes(), "x") == []
+    assert jsonl_rules.validate(path.read_bytes(), "x") == []
     judge = jsonschema.Draft7Validator(json.loads(SCHEMA.read_text()))
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     assert not [error for line in lines for error in judge.iter_errors(line)]
-    assert lines == list(jsonl_samples.read(path))
+    assert lines == list(jsonl_rules.read(path))
     header, *rest = lines
     assert header["bodies"] == [{"id": "b", "name": "Zoë"}]
     sets = [line for line in rest if line["type"] == "set"]
@@ -110,7 +111,7 @@ def test_spots_and_actuators_are_in_the_lines(tmp_path):
     path = tmp_path / "x.samples.jsonl"
     with _track_with_spot_and_actuators(tmp_path) as track:
         jsonl_samples.write(track, path)
-    assert jsonl_samples.validate(path.read_bytes(), "x") == []
+    assert jsonl_rules.validate(path.read_bytes(), "x") == []
     judge = jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text()))
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     assert not [error for line in lines for error in judge.iter_errors(line)]
@@ -130,7 +131,7 @@ def test_an_encoded_header_names_the_way_to_export_again(tmp_path):
     path.write_bytes(encoded({"type": "header", "format": "hfx-samples", "encoding": "compact"}))
     message = "line 1: 'encoding' is \"compact\", .*'hfx export SCENE.blend -f jsonl'"
     with pytest.raises(InputError, match=f"{path.name}: {message}"):
-        list(jsonl_samples.read(path))
+        list(jsonl_rules.read(path))
 
 
 @pytest.mark.parametrize(
@@ -156,7 +157,7 @@ def test_a_broken_rule_is_found_by_its_code(tmp_path, line, change, code):
         jsonl_samples.write(track, path)
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     lines[line] = {**lines[line], **change}
-    actual = jsonl_samples.validate(b"".join(encoded(line) for line in lines), "x")
+    actual = jsonl_rules.validate(b"".join(encoded(line) for line in lines), "x")
     assert code in [entry.code for entry in actual]
 
 
@@ -165,7 +166,7 @@ def test_unreported_broken_lines_do_no_harm(tmp_path):
     with track_of(tmp_path, "pressure", "volume", BEAT) as track:
         jsonl_samples.write(track, path)
     broken = b'{"type":"set"}\n{"type":"sample","effect":[]}\n' * 400
-    actual = jsonl_samples.validate(path.read_bytes() + broken, "x")
+    actual = jsonl_rules.validate(path.read_bytes() + broken, "x")
     assert len(actual) >= 1000 and {entry.severity for entry in actual} == {"error"}
 
 
@@ -250,7 +251,7 @@ def test_lines_below_a_damaged_header_are_not_looked_at(tmp_path, key, broken):
         jsonl_samples.write(track, path)
     header, *lines = path.read_bytes().splitlines(keepends=True)
     damaged = encoded({**json.loads(header), key: broken})
-    findings = jsonl_samples.validate(b"".join([damaged, *lines]), "x")
+    findings = jsonl_rules.validate(b"".join([damaged, *lines]), "x")
     assert findings and all(finding.place.startswith("line 1") for finding in findings)
 
 

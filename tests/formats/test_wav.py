@@ -21,7 +21,8 @@ from hfx_blender.engine.rendering.device_config import (
 )
 from hfx_blender.engine.rendering.raster import Column, Partial, Raster
 from hfx_blender.errors import InputError, OutputError
-from hfx_blender.formats.sound import wav, wav_rules
+from hfx_blender.formats.sound import wav
+from hfx_tools.formats import wav_rules
 
 RATE = 48_000
 FULL_SCALE = 20.0

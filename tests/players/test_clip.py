@@ -20,8 +20,8 @@ from damage import damaged
 from hfx_blender.cli import run
 from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.errors import InputError
-from hfx_blender.formats.clip import baked, clip_rules
 from hfx_blender.formats.clip.container import with_checksum
+from hfx_tools.formats import clip_rules
 
 TEXT = b"\0touch\0m\0Hz\0amplitude_m_s2\0frequency_hz\0part\0"
 TOUCH, M, HZ, AMPLITUDE, FREQUENCY, PART = (
@@ -60,7 +60,7 @@ def by_hand(**changed: bytes) -> bytes:
 
 def test_a_clip_made_by_hand_is_read_and_played() -> None:
     sections = clip_rules.read(by_hand(), "x")
-    rows, values = baked.values_of(sections, 0)
+    rows, values = clip_rules.values_of(sections, 0)
     assert rows.tolist() == [0, 3, 4]
     assert values == pytest.approx(np.array([[0, 60], [2, 160], [5.0000763, 60]]), abs=1e-6)
     player = Player(Clip(by_hand()))

@@ -11,7 +11,7 @@ import pytest
 from core_library import ROOT, Body, Clip, Player, compiled
 from small_clip import write_small_clip
 
-from hfx_blender.formats.clip import clip_rules
+from hfx_tools.formats import clip_rules
 from release.single_header import single_header
 
 CPP = ROOT / "players" / "cpp"

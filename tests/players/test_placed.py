@@ -14,8 +14,8 @@ sys.path.insert(0, str(ROOT / "tests" / "manual" / "players"))
 from hand_clips import avatar_clip, library_clip, ring
 
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.formats.clip import clip_rules
 from hfx_blender.formats.clip.container import encoded, records
+from hfx_tools.formats import clip_rules
 
 FOLDER = ROOT / "players" / "conformance"
 

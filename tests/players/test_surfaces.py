@@ -28,9 +28,10 @@ from hfx_blender.engine.texture.haptic_map import DeviceRange, HapticMap, Surfac
 from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.errors import InputError
-from hfx_blender.formats.clip import clip_rules
-from hfx_blender.formats.clip.clip_writer import facts, write
+from hfx_blender.formats.clip.clip_writer import write
 from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
+from hfx_tools.formats import clip_rules
+from hfx_tools.formats.facts import clip_facts
 
 FULL = 2**24 - 1
 NEVER = float("nan")
@@ -215,7 +216,7 @@ def test_an_export_has_each_map_once_with_the_effects_amplitude(tmp_path: Path) 
     result = write(header, [], tmp_path / "x", recorder)
     assert any("Pad 2" in note and "micro-collisions" in note for note in result.notes)
     (path,) = result.files
-    shown = facts(path)["surfaces"]
+    shown = clip_facts(path)["surfaces"]
     assert [item["surface"] for item in shown] == ["Pad 0", "Pad 1"]
     assert shown[1]["size_mm"] == pytest.approx([2.0, 4.0]) and not shown[1]["tiles"]
     sections = clip_rules.read(path.read_bytes(), "x")

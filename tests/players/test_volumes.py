@@ -12,8 +12,8 @@ from core_library import Body, Clip, Player, library
 from small_clip import write_small_clip
 from test_native import floats
 
-from hfx_blender.formats.clip import clip_rules
 from hfx_blender.formats.clip.container import encoded
+from hfx_tools.formats import clip_rules
 
 REST = np.tile(np.eye(4)[:3], (2, 1, 1))
 

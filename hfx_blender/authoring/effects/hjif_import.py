@@ -22,9 +22,8 @@ from ...formats.glb import glb
 from ...formats.hjif import hjif_reader
 from ...formats.hjif.body_parts import vertex_masks
 from ...formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
-from ...formats.rasters.signal_raster import TICK_S
 from ...formats.signals.curves import Curve, with_crossings
-from ...formats.signals.signals import Piece, mixed, simplified_signals
+from ...formats.signals.signals import TICK_S, Piece, mixed, simplified_signals
 from .. import clips
 from . import effects
 

@@ -24,7 +24,7 @@ from ...engine.track.excerpt import named_clips, sample_range
 from ...engine.track.header import TrackHeader
 from ..written import Written
 from .common_rigs import rig_names
-from .container import Records, Sections, Texts, records
+from .container import Records, Texts, records
 
 FULL_SCALE: Final = 65535
 _LOOPS: Final = ("loop", "cycle")  # name endings of looping animations in Godot's importers
@@ -63,24 +63,6 @@ def numbers_of(values: F64, lowest: float, highest: float) -> Records:
         return np.zeros(len(values), np.uint16)
     numbers = np.rint((np.clip(values, lowest, highest) - lowest) * (FULL_SCALE / scale))
     return numbers.astype(np.uint16)
-
-
-def values_of(sections: Sections, actuator: int) -> tuple[Records, F64]:
-    """Decode an actuator (record number) of a valid clip: stored rows (n,), values (n, columns).
-    Values equal to the column's neutral number are exactly the neutral value."""
-    at = sections["ACTR"][actuator]
-    count, columns = int(at["rows"]), int(at["columns"])
-    first_row, first_value = int(at["first_row"]), int(at["first_value"])
-    rows = sections["ROWS"][first_row : first_row + count]
-    numbers = sections["VALU"][first_value : first_value + count * columns]
-    column_records = sections["COLM"][int(at["first_column"]) :][:columns]
-    numbers = numbers.reshape(count, columns)
-    lowest, highest = column_records["lowest"], column_records["highest"]
-    values = lowest + (highest - lowest) * (numbers / FULL_SCALE)
-    # The neutral value rarely falls on a step. Its number means exactly neutral, so actuators at
-    # rest stay at rest.
-    is_neutral = numbers == column_records["neutral_number"]
-    return rows, np.where(is_neutral, column_records["neutral"], values)
 
 
 def _models(header: TrackHeader) -> dict[str, PerceptualModel]:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
+from ...files import limits
 from ...files.limits import TooLargeError
 from ...files.strict_json import clean
 from ..registry import FORMATS
@@ -199,3 +200,9 @@ def decoded(content: bytes, name: str) -> dict[str, Records]:
         # A view of the file's bytes without a copy, aligned by the check above.
         sections[section] = np.frombuffer(content, kind, length // kind.itemsize, first)
     return sections
+
+
+def refuse_long(sections: Sections, name: str) -> None:
+    """Raise TooLargeError for a clip longer than :data:`.limits.SECONDS`; returns nothing."""
+    at = sections["TIME"][0]
+    limits.SECONDS.check(float(at["rows"] / at["rate_hz"]), name, "its rows last")

@@ -20,7 +20,7 @@ from ...engine.arrays import F64, Bool
 from ...engine.body.model import PerceptualModel
 from ...files.atomic import atomic_file
 from ...files.findings import Finding, Report, refuse_errors
-from ...files.strict_json import clean, parse, read_data
+from ...files.strict_json import clean, parse
 from ..registry import FORMATS
 
 SUFFIX: Final = FORMATS["glb"].suffix
@@ -261,17 +261,6 @@ def model_hashes(content: bytes, name: str) -> dict[str, str]:
         if isinstance(item, dict)  # extras of other programs may have any type
     )
     return {id: sum for id, sum in pairs if isinstance(id, str) and isinstance(sum, str)}
-
-
-def facts(path: Path) -> dict[str, Any]:
-    """Mesh names, node and animation counts, extensions for ``hfx info``; InputError if invalid."""
-    document = read_json(read_data(path), str(path))
-    return {
-        "meshes": [str(mesh.get("name", "")) for mesh in document.get("meshes", [])],
-        "nodes": len(document.get("nodes", [])),
-        "animations": len(document.get("animations", [])),
-        "extensions": [str(extension) for extension in document.get("extensionsUsed", [])],
-    }
 
 
 def validate(content: bytes, name: str) -> list[Finding]:

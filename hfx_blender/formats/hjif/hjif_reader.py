@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
-from ...files.findings import Report, ToleratedFaults, as_fact, refuse_errors, refuse_untolerated
+from ...files.findings import Report, ToleratedFaults, refuse_errors, refuse_untolerated
 from ...files.json_shapes import Items, Number, Record, Shape, Text, check, known_members
-from ...files.strict_json import parse, read_bytes
-from .body_parts import described
+from ...files.strict_json import parse
 from .hjif_rules import DOCUMENT, findings
 
 _STRUCTURAL = {f"HJIF-{word}" for word in ("MISSING", "TYPE", "RANGE", "CHOICE", "COUNT")}
@@ -36,35 +34,6 @@ def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
         refuse_errors([finding for finding in report.findings if finding.code in _FATAL], name)
     notes = refuse_untolerated(faults, name, lambda each: True)
     return known_members(DOCUMENT, document), notes
-
-
-def facts(path: Path) -> dict[str, Any]:
-    """Description, profile, avatars, perceptions and tolerated faults for ``hfx info``."""
-    document, notes = decode(read_bytes(path), str(path))
-    return {
-        **as_fact("notes", notes),
-        "description": document["description"],
-        "profile": f"{document['profile']}, level {document['level']}",
-        "timescale": document.get("timescale"),
-        "avatars": [avatar.get("mesh") or avatar["type"] for avatar in document["avatars"]],
-        "perceptions": [
-            {
-                "perception": perception["description"] or str(perception["id"]),
-                "modality": perception["perception_modality"],
-                "library": len(perception["effect_library"]),
-                "channels": [
-                    {
-                        "channel": channel["description"] or str(channel["id"]),
-                        "where": described(channel.get("body_part_mask", 0)),
-                        "vertices": len(channel.get("vertices", ())),
-                        "effects": sum(len(band["effects"]) for band in channel["bands"]),
-                    }
-                    for channel in perception["channels"]
-                ],
-            }
-            for perception in document["perceptions"]
-        ],
-    }
 
 
 _OLD_NAMES: Final = {

@@ -28,6 +28,9 @@ DEFAULT_TOLERANCE: Final = 0.01
 MAX_HZ: Final = 1000.0
 """Upper limit of vibrotactile perception, hertz."""
 
+TICK_S: Final = 0.022
+"""Fade duration of a tick, seconds, as in HJIF's reference software."""
+
 _SHOWN: Final = 60  # characters of a metadata text in a note
 
 

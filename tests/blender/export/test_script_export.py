@@ -26,8 +26,8 @@ from hfx_blender.export.report import describe
 from hfx_blender.export.scene_export import ExportSettings, SceneExport, export_scene
 from hfx_blender.files import resources
 from hfx_blender.files.hashes import sha256_of
-from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.playback.timeline import timeline_record
+from hfx_tools.formats import npz_reader
 
 FRAMES = 60  # at 25 fps and 100 Hz: 244 samples, two chunks of a track
 STATEFUL = """
@@ -96,7 +96,7 @@ def test_the_same_bytes_in_one_go_and_in_parts(folder: Path, tmp_path: Path) -> 
     for second in ("again", "merged"):
         contents = contents_of(tmp_path / second)
         assert {name: contents[name] for name in expected} == expected, second
-    raster = npz_raster.read(tmp_path / "once" / f"x.{NAME}.raster.npz")
+    raster = npz_reader.read(tmp_path / "once" / f"x.{NAME}.raster.npz")
     assert len(raster.values) == count and raster.values[-1, 0] != raster.values[-2, 0]
 
 
@@ -106,7 +106,7 @@ def test_the_operator_runs_scripts_of_the_devices_that_a_scene_names(
     scripted(folder, "def render(haptics):\n    return [2.0, 100.0] * 8\n")
     bpy.context.scene.hfx.devices.add().name = NAME
     bpy.ops.hfx.export(filepath=str(tmp_path / "out" / f"x{SUFFIX}"), formats={"npz"})
-    raster = npz_raster.read(tmp_path / "out" / f"x.{NAME}.raster.npz")
+    raster = npz_reader.read(tmp_path / "out" / f"x.{NAME}.raster.npz")
     assert (raster.values[:, ::2] == 2.0).all()
     with pytest.raises(RuntimeError, match="may name devices only"):
         bpy.context.scene.hfx.devices.add().name = str(folder / "my_band.json")
@@ -166,7 +166,7 @@ def test_scripts_begin_anew_with_each_clip_and_fail_for_all_of_them(
     requests = settings(NAME, per_clip=True)
     export_scene(bpy.context.scene, tmp_path / "out", "x", requests)
     for clip in ("Early", "Late"):
-        raster = npz_raster.read(tmp_path / "out" / f"x.{clip}.{NAME}.raster.npz")
+        raster = npz_reader.read(tmp_path / "out" / f"x.{clip}.{NAME}.raster.npz")
         assert raster.values[0, 0] == 1.0
     fails = "def render(h):\n    return 1 / (h.time_s < 1.0) and h.values\n"
     requests = settings(scripted(folder, fails).id, "insoles", per_clip=True)

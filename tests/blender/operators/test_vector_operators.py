@@ -17,8 +17,8 @@ from hfx_blender.authoring.paths import vector_sensations
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
-from hfx_blender.formats.rasters.npz_raster import read as read_npz
 from hfx_blender.playback.preview.preview_layers import Preview
+from hfx_tools.formats.npz_reader import read as read_npz
 
 
 @pytest.fixture

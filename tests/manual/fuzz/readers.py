@@ -31,16 +31,15 @@ from hfx_blender.export.batch.units import ExportOptions, Unit
 from hfx_blender.files import json_shapes, limits
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import files
-from hfx_blender.formats.clip import clip_rules
 from hfx_blender.formats.clip.container import with_checksum
 from hfx_blender.formats.hjif import hjif_reader, to_signals
 from hfx_blender.formats.pictures import png, point_cloud, texture_map
-from hfx_blender.formats.rasters import csv_raster, npz_raster
 from hfx_blender.formats.registry import FORMATS, FormatInfo
 from hfx_blender.generation.picture_folder import prompt_of
 from hfx_tools.commands.conversion import convert
 from hfx_tools.commands.info import facts_of_report
 from hfx_tools.commands.played_clip import PlayedClip
+from hfx_tools.formats import clip_rules, csv_reader, npz_reader
 
 Reader = Callable[[bytes], None]
 
@@ -114,8 +113,8 @@ def readers(name: str) -> Reader:
         return partial(in_files[name], folder)
     of_bytes: dict[str, Reader] = {
         "clip": lambda content: void(clip_rules.validate(with_checksum(content), "x")),
-        "npz": lambda content: void(npz_raster.decode(content, "x")),
-        "csv": lambda content: void(csv_raster.decode(content, "x")),
+        "npz": lambda content: void(npz_reader.decode(content, "x")),
+        "csv": lambda content: void(csv_reader.decode(content, "x")),
         "hjif": _hjif,
         "device": lambda content: void(device_from(json_shapes.node_of(content, "x"))),
         "effect": lambda content: void(effect_file.from_text(content.decode("utf-8", "replace"))),

@@ -10,17 +10,15 @@ from typing import Final
 
 import numpy as np
 
-from ...engine.arrays import F64
-from ...engine.rendering.device_config import Actuator, DeviceConfig
-from ...engine.rendering.raster import Column, Raster
-from ...errors import InputError
-from ...files import limits
-from ..device_files.tact_layouts import motors_of
-from ..signals.signals import Signal
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.rendering.device_config import Actuator, DeviceConfig
+from hfx_blender.engine.rendering.raster import Column, Raster
+from hfx_blender.errors import InputError
+from hfx_blender.files import limits
+from hfx_blender.formats.device_files.tact_layouts import motors_of
+from hfx_blender.formats.signals.signals import TICK_S, Signal
 
 RATE_HZ: Final = 500
-TICK_S: Final = 0.022
-"""Fade duration of a tick, seconds, as in HJIF's reference software."""
 
 
 def raster_of(

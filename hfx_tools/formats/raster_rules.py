@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...engine.rendering.raster import Raster
-from ...errors import InputError
-from ...files import limits
+from hfx_blender.engine.rendering.raster import Raster
+from hfx_blender.errors import InputError
+from hfx_blender.formats.writing import refuse_large
 
 _MOST_HZ: Final = 10**6
 _UNEVEN: Final = 0.01  # largest timing error, a share of a row
@@ -50,13 +50,6 @@ def refuse(raster: Raster, name: str) -> None:
             f"{name}: 'times_s' is not evenly spaced in row {row}, allowed is one row every "
             f"{1.0 / float(rate):g} s."
         )
-
-
-def refuse_large(raster: Raster, name: str) -> None:
-    """Raise TooLargeError for a raster with more seconds or bytes of values than readers take."""
-    times = raster.times_s
-    limits.SECONDS.check(len(times) / float(raster.rate_hz), name, "its rows last")
-    limits.MEMORY.check(8.0 * (times.size + raster.values.size), name, "its values would take")
 
 
 def facts(raster: Raster) -> dict[str, Any]:

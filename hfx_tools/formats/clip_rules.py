@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules of a clip's content, each stated in ``docs/formats/clip.md``."""
+"""Reader of clips, and rules of their content, each stated in ``docs/formats/clip.md``."""
 
 from __future__ import annotations
 
@@ -9,11 +9,21 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.modality import MODALITIES
-from ...errors import InputError
-from ...files import limits
-from ...files.findings import Finding
-from .container import MOST_TEXT, NONE, RECORDS, Records, Sections, decoded, texts_at
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.errors import InputError
+from hfx_blender.files.findings import Finding
+from hfx_blender.formats.clip.baked import FULL_SCALE
+from hfx_blender.formats.clip.container import (
+    MOST_TEXT,
+    NONE,
+    RECORDS,
+    Records,
+    Sections,
+    decoded,
+    refuse_long,
+    texts_at,
+)
 
 _PARAMETERS: Final = {parameter.name for one in MODALITIES.values() for parameter in one.parameters}
 _MOST_ROWS: Final = 2**31 - 1
@@ -121,12 +131,6 @@ def findings_of(sections: Sections, file_name: str) -> list[Finding]:
             return findings
     refuse_long(sections, file_name)
     return []
-
-
-def refuse_long(sections: Sections, name: str) -> None:
-    """Raise TooLargeError for a clip longer than :data:`.limits.SECONDS`; returns nothing."""
-    at = sections["TIME"][0]
-    limits.SECONDS.check(float(at["rows"] / at["rate_hz"]), name, "its rows last")
 
 
 def _finding(place: str, message: str, code: str = "RULE") -> Finding:
@@ -346,3 +350,21 @@ def _surfaces(sections: Sections) -> list[Finding]:
         values = sections["SURF"][field]
         findings += _first("SURF", field, values, values[:, 0] > values[:, 1], "lowest, highest")
     return findings
+
+
+def values_of(sections: Sections, actuator: int) -> tuple[Records, F64]:
+    """Decode an actuator (record number) of a valid clip: stored rows (n,), values (n, columns).
+    Values equal to the column's neutral number are exactly the neutral value."""
+    at = sections["ACTR"][actuator]
+    count, columns = int(at["rows"]), int(at["columns"])
+    first_row, first_value = int(at["first_row"]), int(at["first_value"])
+    rows = sections["ROWS"][first_row : first_row + count]
+    numbers = sections["VALU"][first_value : first_value + count * columns]
+    column_records = sections["COLM"][int(at["first_column"]) :][:columns]
+    numbers = numbers.reshape(count, columns)
+    lowest, highest = column_records["lowest"], column_records["highest"]
+    values = lowest + (highest - lowest) * (numbers / FULL_SCALE)
+    # The neutral value rarely falls on a step. Its number means exactly neutral, so actuators at
+    # rest stay at rest.
+    is_neutral = numbers == column_records["neutral_number"]
+    return rows, np.where(is_neutral, column_records["neutral"], values)

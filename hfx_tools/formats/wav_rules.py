@@ -10,9 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...files.findings import Finding, Report
-from ...files.json_shapes import Items, Number, Record, Shape, Text, check
-from ...files.strict_json import mapped, parse, read_bytes
+from hfx_blender.files.findings import Finding, Report
+from hfx_blender.files.json_shapes import Items, Number, Record, Shape, Text, check
+from hfx_blender.files.strict_json import mapped, parse, read_bytes
 
 _PCM, _FLOAT, _EXTENSIBLE = 1, 3, 0xFFFE
 _BITS: Final = {_PCM: (8, 16, 24, 32), _FLOAT: (32, 64)}
