@@ -14,6 +14,7 @@ from ...engine.rendering.moment import of_one_moment
 from ...engine.rendering.room import SETTING, PlaySpace
 from ...engine.track import TrackReader
 from ...errors import DeviceError, InputError
+from ...processes.process_end import check
 from ..workers.live_frame import LiveFrame
 from ..workers.render_process import SCENE_S
 from .client import DeviceState, LiveClient
@@ -164,6 +165,7 @@ def play(
         is_prepared = not source.is_rendered
         deadline = time.monotonic() + SCENE_S
         while time.monotonic() < deadline:
+            check()
             client.heartbeat()
             is_prepared |= any(event.event == "prepared" for event in client.events())
             states = client.devices.values()
@@ -199,7 +201,9 @@ def play(
 
 
 def _wait_alive(client: LiveClient, step_s: float) -> None:
-    """Send a heartbeat, process events and sleep ``step_s``; DeviceError if no device plays."""
+    """Send a heartbeat, process events and sleep ``step_s``; DeviceError if no device plays,
+    TerminatedError after a signal."""
+    check()
     client.heartbeat()
     client.events()
     _require_playing(client)
