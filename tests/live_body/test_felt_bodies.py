@@ -5,8 +5,13 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import signal
 import socket
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -196,3 +201,26 @@ def test_wrong_options_are_one_sentence(
     arguments = ["feel", str(clip), "--device", "oculus_touch", "--to", "simulator", *options]
     assert run(arguments) == UsageError.exit_code
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_ctrl_c_is_silence_at_once_and_keeps_the_recording(
+    clip: Path, tmp_path: Path, sender: Any
+) -> None:
+    port, log = free_ports(), tmp_path / "log.csv"
+    sender(port)
+    command = [sys.executable, "-m", "hfx_blender", "feel", str(clip), "--device", "oculus_touch"]
+    command += ["--to", "log", "--path", str(log), "--record", str(tmp_path / "felt.csv")]
+    command += ["--vmc", str(port), "--osc", str(port + 1)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert b"receives 'Anna'" in process.stdout.readline()
+        assert b"is tracked" in process.stdout.readline()
+        time.sleep(0.3)
+        signalled_s = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10.0) == 130
+        # The thread that ends an unanswered command would need a second.
+        assert time.monotonic() - signalled_s < 0.9
+    assert "stop" in log.read_text(encoding="utf-8").splitlines()[-1]
+    assert "4.8" in (tmp_path / "felt.csv").read_text(encoding="utf-8")
