@@ -50,12 +50,8 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"hfx {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    own = {"export": export, "doctor": doctor}
-    for name in (
-        *("demo", "export", "sound", "info", "validate", "convert", "play", "feel"),
-        *("body", "device", "texture", "bench", "doctor"),
-    ):
-        module = own.get(name) or left_out.module(name)
+    for name in left_out.COMMANDS:
+        module = {"export": export, "doctor": doctor}.get(name) or left_out.module(name)
         if module is not None:
             module.add_parser(commands)
     return parser

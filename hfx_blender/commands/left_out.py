@@ -18,10 +18,12 @@ from typing import Final
 from ..errors import UsageError
 
 PACKAGE: Final = "hfx_tools"
-_COMMANDS: Final = (
-    *("demo", "sound", "info", "validate", "convert", "play", "feel"),
-    *("body", "device", "texture", "bench"),
+COMMANDS: Final = (
+    *("demo", "export", "sound", "info", "validate", "convert", "play", "feel"),
+    *("body", "device", "texture", "bench", "doctor"),
 )
+"""All commands of pip's ``hfx``, in the order of the help text."""
+_IN_EXTENSION: Final = ("export", "doctor")
 
 
 def module(name: str) -> ModuleType | None:
@@ -31,7 +33,8 @@ def module(name: str) -> ModuleType | None:
 
 def refuse(arguments: Sequence[str]) -> None:
     """Raise UsageError for a command that this installation lacks, with the way to get it."""
-    if arguments and arguments[0] in _COMMANDS and not _load_tools():
+    is_left_out = arguments and arguments[0] in COMMANDS and arguments[0] not in _IN_EXTENSION
+    if is_left_out and not _load_tools():
         raise UsageError(
             f"'{arguments[0]}' is not part of the extension: install hfx-blender with pip, then "
             "run it as 'hfx'."
