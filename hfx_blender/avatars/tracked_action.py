@@ -28,8 +28,8 @@ class RigRecording:
         return self._times_s[-1] - self._times_s[0] if self._times_s else 0.0
 
     def add(self, time_s: float, bases: list[Matrix]) -> None:
-        """Add a pose, as of :meth:`.TrackedRig.bases`; poses at or before the last time are
-        ignored."""
+        """Append a pose to the recording: ``bases``, the basis matrix (4, 4) of each bone
+        (see :meth:`.TrackedRig.bases`). A pose that is not later than the last is ignored."""
         if not self._times_s or time_s > self._times_s[-1]:
             self._times_s.append(time_s)
             self._bases.append(bases)

@@ -177,8 +177,10 @@ class TrackedRig:
         return steps
 
     def bases(self, pose: HumanPose, armature: bpy.types.Object) -> list[Matrix]:
-        """Basis matrix (4, 4) of each bone of ``names`` in a pose; changes nothing but the scale of
-        the hips' motion, which the first position sets."""
+        """Basis matrix (4, 4) of each bone of ``names`` that gives the rig a person's pose.
+
+        The armature is not changed. The first position sets the scale of the hips' motion.
+        """
         turns = self._turns(pose)
         offset = self._hips_offset(pose, armature)
         placed: list[Matrix] = []

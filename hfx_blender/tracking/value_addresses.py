@@ -34,7 +34,7 @@ class ValueChange(NamedTuple):
 
 
 def is_used(address: str) -> bool:
-    """Test that an OSC address may be that of a value or of time."""
+    """True for an OSC address that begins as one of a value, or is that of a time or a rate."""
     return address.startswith("/hfx/") or address in ("/time", "/rate")
 
 

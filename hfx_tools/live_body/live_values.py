@@ -29,7 +29,7 @@ class LiveValues:
 
     @classmethod
     def listening(cls, address: str, port: int, allowed: tuple[str, ...]) -> LiveValues:
-        """Values of a new receiver; UsageError for an unusable address or port."""
+        """Open an OSC receiver for values; UsageError for an unusable address or port."""
         return cls(OscReceiver(address, port, allowed, value_addresses.is_used))
 
     @property

@@ -51,7 +51,7 @@ class Stage:
         self.sent[name] = values
 
     def step(self, seconds: float = 0.01, *, poses: bool = False, **changes: float) -> list[float]:
-        """Values of the controllers after a step; keywords are changes of the effect."""
+        """Step once and return the values of each controller; keywords change the clip's effect."""
         self.now_s += seconds
         if poses:
             self.pose.waiting = [ReceivedMessage(HIPS, self.now_s)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Effects dragged out: place and size from the ends of the drag; tools that are registered."""
+"""Tools that drag out an effect: its place and size by the drag, and their registration."""
 
 from __future__ import annotations
 

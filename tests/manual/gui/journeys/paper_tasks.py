@@ -20,7 +20,7 @@ WHOLE_BODY, TRUNK = (0, 0), (1, 1)  # column and row of a menu of body parts
 
 
 class Task:
-    """Counted actions of a task."""
+    """Task of the HFX paper, with a count of the user's actions."""
 
     def __init__(self, name: str) -> None:
         self.name, self.actions = name, 0
