@@ -8,7 +8,7 @@ folder                 files
 ``blender``            extension for each platform, small extension
 ``games``              packages for Godot, Unity, the web, and C and C++
 ``site``               documentation (``--site``)
-``.``                  SHA-256 sums, bill of materials, licences of other projects
+``.``                  first steps, SHA-256 sums, bill of materials, licences of others
 =====================  ==========================================================
 
 Needs ``pip install -r release/requirements.txt``, and the internet for the wheels in the
@@ -140,6 +140,9 @@ def core_package(folder: Path) -> Path:
             if path.is_file() and "target" not in path.parts and "__pycache__" not in path.parts:
                 files[path.relative_to(PLAYERS).as_posix()] = path.read_bytes()
     files["LICENSE"] = (PLAYERS / "core" / "LICENSE").read_bytes()
+    sample = PLAYERS / "godot" / "addons" / "hfx" / "samples" / "garage.hfxclip"
+    files["garage.hfxclip"] = sample.read_bytes()
+    files["README.md"] = (ROOT / "release" / "core_readme.md").read_bytes()
     files["format.md"] = (ROOT / "docs" / "formats" / "clip.md").read_bytes()
     return write_zip(folder / f"hfx-core-{__version__}.zip", files)
 
@@ -150,8 +153,15 @@ def site(folder: Path) -> Path:
     return folder
 
 
+def start_here() -> str:
+    """Text of the first steps in Blender, Godot and a browser, with this release's file names."""
+    text = (ROOT / "release" / "start_here.md").read_text(encoding="utf-8")
+    return text.replace("{version}", __version__)
+
+
 def summaries(output: Path) -> None:
-    """Write the sums, the bill of materials and the licences of other projects into a folder."""
+    """Write first steps, sums, bill of materials and licences of other projects into a folder."""
+    _write(output / "START-HERE.md", start_here())
     artefacts = sorted(path for part in PARTS for path in (output / part).glob("*"))
     lock = addon_wheels.read_lock()
     wheels = [addon_wheels.fetch(name, lock[name], build_addon.WHEELS) for name in lock]

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from hfx_blender.version import __version__
-from release import addon_wheels, archives, bill_of_materials
+from release import addon_wheels, archives, bill_of_materials, make
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -122,3 +122,29 @@ def test_a_wheel_without_a_licence_file_has_the_stored_text(tmp_path: Path) -> N
     wheel = _wheel(tmp_path, "pyserial-3.5-py2.py3-none-any.whl", metadata, licence=None)
     stored = (ROOT / "licences" / "pyserial.txt").read_text(encoding="utf-8").strip()
     assert stored in bill_of_materials.third_party_licences([wheel])
+
+
+def test_first_steps_name_each_package_and_no_other() -> None:
+    systems = ("linux_x64", "macos_arm64", "macos_x64", "windows_arm64", "windows_x64")
+    zips = [f"blender/hfx_blender-{__version__}-{tag}.zip" for tag in (*systems, "no_wheels")]
+    games = [
+        f"games/hfx-godot-{__version__}.zip",
+        f"games/hfx-web-{__version__}.tgz",
+        f"games/hfx-core-{__version__}.zip",
+        f"games/org.hfx.haptics-{__version__}.tgz",
+    ]
+    named = re.findall(r"`((?:blender|games)/\S+)`", make.start_here())
+    assert sorted(set(named)) == sorted(zips + games)
+    assert "{" not in make.start_here()
+
+
+def test_the_core_package_leads_to_first_values_with_files_of_its_own(tmp_path: Path) -> None:
+    with zipfile.ZipFile(make.core_package(tmp_path)) as archive:
+        names = set(archive.namelist())
+        text = archive.read("README.md").decode()
+    commands = re.findall(r"^    (.+)$", text, re.MULTILINE)
+    assert commands[0].startswith("cmake -S examples/c") and "garage.hfxclip" in commands[1]
+    assert {"examples/c/CMakeLists.txt", "garage.hfxclip"} <= names
+    folders = {f"{name.partition('/')[0]}/" for name in names if "/" in name}
+    listed = re.findall(r"^\| `([^`]+)`", text, re.MULTILINE)
+    assert all(entry in names | folders for entry in listed) and len(listed) == 5
