@@ -38,10 +38,10 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(message)
 
 
-def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
-    """Build the parser of all commands available in this installation."""
-    from .commands import doctor, export
-
+def build_parser(
+    prog: str = "hfx", names: Sequence[str] = left_out.COMMANDS
+) -> argparse.ArgumentParser:
+    """Build the parser of the named commands, as far as this installation has them."""
     parser = _Parser(
         prog=prog,
         description="Haptic tracks from Blender scenes.",
@@ -50,9 +50,8 @@ def build_parser(prog: str = "hfx") -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"hfx {__version__}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in left_out.COMMANDS:
-        module = {"export": export, "doctor": doctor}.get(name) or left_out.module(name)
-        if module is not None:
+    for name in names:
+        if (module := left_out.module(name)) is not None:
             module.add_parser(commands)
     return parser
 
@@ -65,7 +64,9 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
     console = Console(as_json="--json" in arguments)
     try:
         left_out.refuse(arguments)
-        parser = build_parser(prog)
+        # Modules of the other commands are not imported: half of a short command's time.
+        names = arguments[:1] if arguments[:1] and arguments[0] in left_out.COMMANDS else None
+        parser = build_parser(prog, names or left_out.COMMANDS)
         process_end.check()
         options = parser.parse_args(_joined_ranges(arguments))
         # Blender prints reports of operators to Python's standard output.

@@ -27,7 +27,9 @@ _IN_EXTENSION: Final = ("export", "doctor")
 
 
 def module(name: str) -> ModuleType | None:
-    """Import a module of ``hfx_tools.commands``; None in an installed extension."""
+    """Import the module of a command; None for one that an installed extension lacks."""
+    if name in _IN_EXTENSION:
+        return importlib.import_module(f".{name}", __package__)
     return importlib.import_module(f"{PACKAGE}.commands.{name}") if _load_tools() else None
 
 

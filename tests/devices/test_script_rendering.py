@@ -23,9 +23,9 @@ from hfx_blender.devices.workers.haptics import encode_haptics
 from hfx_blender.devices.workers.script_process import ScriptProcess
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
-from hfx_blender.engine.rendering import Raster
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.moment import MomentRenderer
+from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.rendering.render import render, renderers_of_track
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase

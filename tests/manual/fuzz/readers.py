@@ -241,7 +241,7 @@ def _commands(kind: str, folder: Path) -> Reader:
     warnings.simplefilter("error", RuntimeWarning)
     cli.defect = _raise  # type: ignore[assignment]
     parser = cli.build_parser()  # most of the time of a small file
-    cli.build_parser = lambda prog="hfx": parser  # type: ignore[assignment]
+    cli.build_parser = lambda prog="hfx", names=(): parser  # type: ignore[assignment]
     path = folder / f"x{suffix}"
 
     def read(content: bytes) -> None:
