@@ -19,7 +19,7 @@ from ..errors import UsageError
 
 PACKAGE: Final = "hfx_tools"
 COMMANDS: Final = (
-    *("demo", "export", "sound", "info", "validate", "convert", "play", "feel"),
+    *("demo", "export", "sound", "info", "validate", "convert", "play", "feel", "study"),
     *("body", "device", "texture", "bench", "doctor"),
 )
 """All commands of pip's ``hfx``, in the order of the help text."""

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""``hfx study``: makes, runs and reports studies of touch."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from hfx_blender.commands.arguments import add_json
+from hfx_blender.commands.console import Console
+
+
+def add_parser(commands: Any) -> None:
+    parser = commands.add_parser(
+        "study",
+        help="compare and measure touch with participants",
+        description="Make studies of touch from a plan, run them on devices, and report the "
+        "results (docs/study.md).",
+    )
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    sub = actions.add_parser("make", help="make a study's folder from a plan")
+    sub.add_argument(
+        "plan", metavar="PLAN", help="a .json, or a shipped plan: mango96, textile-pse, board"
+    )
+    sub.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="new folder")
+    add_json(sub, _make)
+    sub = actions.add_parser("delete", help="delete all data of a participant")
+    _add_folder(sub)
+    sub.add_argument("participant", metavar="NN", help="number of the participant")
+    add_json(sub, _delete)
+
+
+def _add_folder(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of 'hfx study make'")
+
+
+def _make(options: argparse.Namespace, console: Console) -> int:
+    from ..study import folder
+
+    study = folder.make(options.plan, options.output)
+    training, trials = study.trials(folder.label_of(1))
+    plan = study.plan
+    console.say(
+        f"{options.output}: {plan.participants} participants, {len(trials)} trials each, "
+        f"{len(training)} of training"
+    )
+    console.result(
+        {
+            "folder": str(options.output),
+            "participants": plan.participants,
+            "trials": len(trials),
+            "training": len(training),
+        }
+    )
+    return 0
+
+
+def _delete(options: argparse.Namespace, console: Console) -> int:
+    from ..study.folder import Study
+
+    study = Study(options.folder)
+    deleted = study.delete(study.label(options.participant))
+    for path in deleted:
+        console.say(f"deleted {path}")
+    console.result({"deleted": [str(path) for path in deleted]})
+    return 0

@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Plans of studies and the trials made of them."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from itertools import combinations, pairwise, product
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hfx_blender.cli import run
+from hfx_tools.study.design import training_of, trials_of, williams_row
+from hfx_tools.study.plan import plan_of, read_plan
+from hfx_tools.study.tables import read_table
+
+EXAMPLE = (
+    '{"name": "mango96", "seed": 1, "design": "paired", "gap_ms": 400, "factors": {"duration_ms": '
+    '[500, 1000], "direction": ["N", "NE", "E"]}, "compare": {"scheme": ["linear", "logarithmic", '
+    '"power"]}, "orders": "both", "participants": 12}'
+)
+SCHEMES = ("linear", "logarithmic", "power")
+
+
+def _plan(**members: Any) -> dict[str, Any]:
+    return {"name": "p", "design": "rating", "scales": [{"id": "a", "text": "A?"}], **members}
+
+
+def _parsed(document: dict[str, Any]) -> Any:
+    return plan_of(json.dumps(document).encode(), Path("plan.json"))
+
+
+def test_the_example_gives_every_cell_once_for_each_participant(tmp_path: Path) -> None:
+    (tmp_path / "plan.json").write_text(EXAMPLE)
+    assert run(["study", "make", str(tmp_path / "plan.json"), "-o", str(tmp_path / "s")]) == 0
+    pairs = [pair for pair in product(SCHEMES, SCHEMES) if pair[0] != pair[1]]
+    cells = set(product(("500", "1000"), ("N", "NE", "E"), *zip(*pairs, strict=True)))
+    cells = {(d, n, *pair) for d, n, pair in product(("500", "1000"), ("N", "NE", "E"), pairs)}
+    orders = set()
+    for number in range(1, 13):
+        rows = read_table(tmp_path / "s" / f"participant-{number:02d}" / "trials.tsv")
+        values = [
+            (r["duration_ms"], r["direction"], r["scheme_first"], r["scheme_second"]) for r in rows
+        ]
+        assert len(values) == 36 and set(values) == cells
+        orders.add(tuple(values))
+    assert len(orders) == 12  # participants have different orders
+    assert not (tmp_path / "s" / "participant-13").exists()
+
+
+def test_mango96_has_96_rows_and_counterbalanced_orders() -> None:
+    """2 durations, 8 directions, 3 pairs, 2 orders (Schneider et al., UIST 2015)."""
+    plan = read_plan("mango96")
+    for number in (1, 2, 18):
+        rows = trials_of(plan, number)
+        assert len(rows) == 96
+        names = ("duration_ms", "direction", "scheme_first", "scheme_second")
+        assert set(Counter(tuple(row[n] for n in names) for row in rows).values()) == {1}
+        for pair in combinations(SCHEMES, 2):
+            first = Counter(
+                row["scheme_first"]
+                for row in rows
+                if {row["scheme_first"], row["scheme_second"]} == set(pair)
+            )
+            assert list(first.values()) == [16, 16]
+        assert set(Counter(row["frequency_hz"] for row in rows).values()) == {24}
+
+
+def test_a_balanced_order_is_within_one_and_opposite_for_the_next_participant() -> None:
+    plan = _parsed(
+        {
+            "name": "p",
+            "design": "paired",
+            "orders": "balanced",
+            "factors": {"place": ["a", "b", "c", "d", "e"]},
+            "compare": {"scheme": ["x", "y", "z"]},
+            "participants": 2,
+        }
+    )
+    orders = []
+    for number in (1, 2):
+        rows = trials_of(plan, number)
+        assert len(rows) == 15
+        for pair in combinations("xyz", 2):
+            firsts = Counter(
+                row["scheme_first"]
+                for row in rows
+                if {row["scheme_first"], row["scheme_second"]} == set(pair)
+            )
+            assert sorted(firsts.values()) == [2, 3]
+        orders.append({(r["place"], r["scheme_first"], r["scheme_second"]) for r in rows})
+    assert orders[1] == {(place, second, first) for place, first, second in orders[0]}
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 6, 7, 12])
+def test_williams_squares_balance_positions_and_successors(count: int) -> None:
+    rows = [williams_row(count, k) for k in range(count * (1 + count % 2))]
+    share = 1 + count % 2
+    for position in range(count):
+        assert set(Counter(row[position] for row in rows).values()) == {share}
+    neighbours = Counter(pair for row in rows for pair in pairwise(row))
+    assert len(neighbours) == count * (count - 1) and set(neighbours.values()) == {share}
+
+
+def test_a_latin_sequence_puts_each_condition_once_at_each_position() -> None:
+    plan = _parsed(_plan(factors={"effect": list("abcd")}, sequence="latin", participants=4))
+    rows = [[row["effect"] for row in trials_of(plan, number)] for number in range(1, 5)]
+    assert all(sorted(column) == list("abcd") for column in zip(*rows, strict=True))
+
+
+def test_blocks_are_whole_and_their_order_is_balanced() -> None:
+    factors = {"device": ["belt", "pad"], "effect": ["a", "b", "c"]}
+    plan = _parsed(_plan(factors=factors, blocks_by="device", repetitions=2))
+    firsts = []
+    for number in (1, 2):
+        devices = [row["device"] for row in trials_of(plan, number)]
+        assert devices in (["belt"] * 6 + ["pad"] * 6, ["pad"] * 6 + ["belt"] * 6)
+        firsts.append(devices[0])
+    assert sorted(firsts) == ["belt", "pad"]
+
+
+def test_the_trials_of_each_design() -> None:
+    board = read_plan("board")
+    rows = trials_of(board, 3)
+    assert set(Counter(row["surface"] for row in rows).values()) == {4}
+    assert sorted(int(row["square"]) for row in rows) == list(range(1, 17))
+    textile = trials_of(read_plan("textile-pse"), 2)
+    assert set(Counter((r["surface"], r["speed_mm_s"]) for r in textile).values()) == {2}
+    assert Counter(row["start"] for row in textile) == {0.05: 6, 1.0: 6}
+    levels = {"amplitude": [0.1, 0.2, 0.4]}
+    constant = _parsed({"name": "p", "design": "2afc", "levels": levels, "repetitions": 10})
+    rows = trials_of(constant, 1)
+    assert set(Counter(row["amplitude"] for row in rows).values()) == {10}
+    assert Counter(row["target"] for row in rows) == {"first": 15, "second": 15}
+    stairs = _parsed(
+        {
+            "name": "p",
+            "design": "staircase",
+            "levels": levels,
+            "trials": 9,
+            "factors": {"frequency_hz": [40, 250]},
+            "catch": 2,
+        }
+    )
+    rows = trials_of(stairs, 1)
+    assert Counter((row["kind"], row["staircase"]) for row in rows) == {
+        ("trial", 1): 9,
+        ("trial", 2): 9,
+        ("catch", "n/a"): 2,
+    }
+    assert {row["amplitude"] for row in rows if row["kind"] == "catch"} == {0.4}
+
+
+def test_training_is_apart_and_catch_trials_are_added() -> None:
+    plan = _parsed(
+        {
+            "name": "p",
+            "design": "paired",
+            "compare": {"scheme": ["x", "y"]},
+            "repetitions": 4,
+            "training": 11,
+            "catch": 3,
+        }
+    )
+    rows = trials_of(plan, 1)
+    assert Counter(row["kind"] for row in rows) == {"trial": 8, "catch": 3}
+    catches = [row for row in rows if row["kind"] == "catch"]
+    assert all(row["scheme_first"] == row["scheme_second"] for row in catches)
+    assert [row["kind"] for row in training_of(plan, 1)] == ["training"] * 11
+
+
+BAD = [
+    ({"design": "abx"}, 'design is "abx", allowed is one of paired, 2afc, staircase'),
+    ({"sed": 1}, "'sed' is unknown, allowed are: "),
+    ({"participants": 0}, "participants is 0, allowed is a whole number from 1 to 999"),
+    ({"gap_ms": "400"}, 'gap_ms is "400", allowed is a number from 0 to 10000 ms'),
+    ({"factors": {"effect": []}}, "factors.effect is "),
+    ({"factors": {"effect": ["a", "a"]}}, "allowed is each item once"),
+    ({"factors": {"effect": [True]}}, "factors.effect[0] is true, allowed is a number, or text"),
+    ({"factors": {"effect": ["a\tb"]}}, "factors.effect[0] is "),
+    ({"factors": {"Effect": ["a"]}}, "allowed is lower-case letters"),
+    ({"factors": {"trial": [1]}}, "allowed is a table without 'trial'"),
+    ({"factors": {"a": [1]}, "random": {"a": [1]}}, "allowed is a table without 'a'"),
+    ({"blocks_by": "device"}, 'blocks_by is "device", allowed is a factor of the plan: none'),
+    ({"repetitions": 1000, "factors": {"a": list(range(11))}}, "at most 10000 trials for each"),
+    ({"catch": 9}, "catch is 9, allowed is a whole number of catch trials from 0 to 1"),
+    ({"scales": []}, "scales is "),
+    ({"scales": [{"id": "a", "text": "A"}, {"id": "a", "text": "B"}]}, "with different ids"),
+    ({"stimulus": {"kind": "file"}}, 'allowed is a "path" as well'),
+    ({"design": "paired", "scales": None}, "'compare' is missing"),
+    ({"design": "adjustment", "adjust": {"x": [2, 1]}}, "allowed is a number above 2"),
+    ({"design": "2afc", "levels": {"x": [0, 1]}, "scale": "log"}, "levels above 0"),
+    ({"design": "2afc", "levels": {"x": [0, 1], "y": [0, 1]}}, "allowed is one factor with its"),
+    ({"design": "identification", "identify": "x"}, 'identify is "x", allowed is a factor'),
+    (
+        {"design": "identification", "identify": "x", "factors": {"x": ["a"]}},
+        "allowed is a list of 2 to 100 items",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD, ids=[text for _, text in BAD])
+def test_a_bad_plan_is_refused_with_field_and_allowed_values(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, Any], message: str
+) -> None:
+    document = _plan(**change)
+    if change.get("design", "rating") != "rating":
+        del document["scales"]
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(document))
+    assert run(["study", "make", str(path), "-o", str(tmp_path / "s")]) == 3
+    fault = capsys.readouterr().err
+    assert fault.startswith(f"hfx: {path}: ") and fault.count("\n") == 1
+    assert message in fault
+    assert not (tmp_path / "s").exists()
+
+
+def test_a_missing_plan_names_the_shipped_plans(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["study", "make", "mango", "-o", "s"]) == 3
+    assert "shipped plans are: board, mango96, textile-pse" in capsys.readouterr().err
+
+
+def test_a_folder_with_files_is_not_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    assert run(["study", "make", "board", "-o", str(tmp_path)]) == 3
+    assert "is not empty" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_delete_removes_lists_and_data_of_a_participant(tmp_path: Path) -> None:
+    study = tmp_path / "s"
+    assert run(["study", "make", "board", "-o", str(study)]) == 0
+    data = study / "sub-02" / "beh"
+    data.mkdir(parents=True)
+    assert run(["study", "delete", str(study), "2"]) == 0
+    assert not data.exists() and not (study / "participant-02").exists()
+    assert (study / "participant-01").exists()
+    assert run(["study", "delete", str(study), "02"]) == 2
+    assert run(["study", "delete", str(study), "Anna"]) == 2
