@@ -18,6 +18,7 @@ from hfx_blender.tracking.receiver import PRIVATE, OscReceiver
 from hfx_blender.tracking.vmc_body import VmcBody
 
 from .play import (
+    add_osc_arguments,
     add_output_arguments,
     check_outputs,
     connect,
@@ -63,17 +64,13 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--record", type=Path, metavar="FILE", help="write the values of the device as .csv"
     )
-    add_osc_arguments(parser)
-    add_json(parser, run)
-
-
-def add_osc_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of OSC receivers."""
     parser.add_argument(
-        "--osc",
-        type=int,
-        metavar="PORT",
-        help="port for gain, mute and values of effects (docs/osc-addresses.md)",
+        "--at",
+        type=float,
+        nargs=2,
+        default=(0.0, 0.0),
+        metavar=("X", "Y"),
+        help="place of the tracked room's origin on the floor of the scene, metres (default: 0 0)",
     )
     parser.add_argument(
         "--listen-on",
@@ -81,12 +78,8 @@ def add_osc_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="address of this computer that receives (default: 127.0.0.1, this computer only)",
     )
-    parser.add_argument(
-        "--sender",
-        metavar="ADDRESS",
-        help="address or network of the only allowed sender (default: this computer and private "
-        "networks)",
-    )
+    add_osc_arguments(parser)
+    add_json(parser, run)
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
@@ -105,6 +98,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
         raise UsageError(f"--seconds {options.seconds:g}: expected more than 0")
     if options.record is not None and (len(names) > 1 or options.record.suffix.lower() != ".csv"):
         raise UsageError("--record: expected one --device and a name that ends in .csv")
+    if not all(abs(metres) <= 10_000.0 for metres in options.at):
+        raise UsageError("--at: expected two numbers from -10000 to 10000")
     write_note = console.warn if console.as_json else console.say
     allowed = PRIVATE if options.sender is None else (options.sender,)
     with ExitStack() as stack:
@@ -118,7 +113,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             values = LiveValues.listening(options.listen_on, options.osc, allowed)
             stack.enter_context(closing(values))
         with console.reading(options.file):
-            source = FeltBodies(options.file, devices, ports, values, write_note)
+            source = FeltBodies(options.file, devices, ports, values, write_note, tuple(options.at))
         if options.seconds is not None:
             source.end_s = options.seconds
         if options.record is not None:

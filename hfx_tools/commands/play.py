@@ -85,9 +85,10 @@ def add_parser(commands: Any) -> None:
         "--listen-on",
         default="127.0.0.1",
         metavar="ADDRESS",
-        help="own address of --follow and --page (default: 127.0.0.1, this computer only; for a "
-        "phone the address of this computer in the local network)",
+        help="own address of --follow, --osc, --page (default: 127.0.0.1, this computer only; for "
+        "a phone the address of this computer in the local network)",
     )
+    add_osc_arguments(parser)
     add_json(parser, run)
 
 
@@ -128,6 +129,22 @@ def add_output_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_osc_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of received values."""
+    parser.add_argument(
+        "--osc",
+        type=int,
+        metavar="PORT",
+        help="receive gain, mute and intensities at this UDP port (docs/osc-addresses.md)",
+    )
+    parser.add_argument(
+        "--sender",
+        metavar="ADDRESS",
+        help="address or network of the only sender of poses and values (default: this computer "
+        "and private networks)",
+    )
+
+
 def run(options: argparse.Namespace, console: Console) -> int:
     """Play the file to the end; DeviceError for devices that failed."""
     from hfx_blender.devices.live.client import LiveClient
@@ -160,6 +177,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
             clock = stack.enter_context(closing(FollowedClock(options.follow, options.listen_on)))
             address_note = f"{options.file.name} follows the time from {clock.name}"
             progress = no_progress
+        if options.osc is not None:
+            source = _controlled(source, options, targets, stack)
         # Entered last, hence closed first: devices are silent before their source is closed.
         client = stack.enter_context(closing(LiveClient()))
         offset_ms = 0.0
@@ -249,6 +268,23 @@ def fault_of_log(path: Path | None, client: LiveClient) -> HfxError | None:
 
 def no_progress(share: float) -> None:
     """Show no progress: the end of a game is unknown."""
+
+
+def _controlled(
+    source: ValueSource, options: argparse.Namespace, targets: Targets, stack: ExitStack
+) -> ValueSource:
+    """Source whose values are changed by OSC messages; the receiver is closed with ``stack``."""
+    from hfx_blender.tracking.receiver import PRIVATE
+
+    from ..live_body.controlled_playback import ControlledSource
+    from ..live_body.live_values import LiveValues
+
+    if options.listen is not None:
+        raise UsageError("--osc is without --listen: a game has strengths of its own")
+    allowed = PRIVATE if options.sender is None else (options.sender,)
+    values = LiveValues.listening(options.listen_on, options.osc, allowed)
+    stack.enter_context(closing(values))
+    return ControlledSource(source, values, {name: device for name, (device, _) in targets.items()})
 
 
 def _listening(

@@ -43,9 +43,13 @@ class AvatarPose:
     ``humans``: VRM's human bone of each bone; may be empty or repeated.
     ``parents``: index of each bone's parent, below the bone's own; -1: none.
     ``rest``: (bones, 3, 4) bone to rest space; all zeros: unknown.
+    ``place_m``: place (3,) of the tracked room's origin in the world.
     """
 
-    def __init__(self, humans: Sequence[str], parents: Sequence[int], rest: F64) -> None:
+    def __init__(
+        self, humans: Sequence[str], parents: Sequence[int], rest: F64, place_m: F64 | None = None
+    ) -> None:
+        self._place_m = np.zeros(3) if place_m is None else place_m
         self._humans = [unity_name(human) for human in humans]
         self._parents = parents
         known = rest[:, :, :3].any(axis=(1, 2))
@@ -75,6 +79,7 @@ class AvatarPose:
                 rotations[k] = turned[human or "Hips"]
                 heads[k] = self._heads[k]
         self._move_hips(heads, hips_m, person)
+        heads += self._place_m
         shifts = heads - np.einsum("kij,kj->ki", rotations, self._heads)
         return np.concatenate([rotations, shifts[:, :, None]], axis=2)
 

@@ -24,6 +24,7 @@ from hfx_blender.tracking.vmc_body import VmcBody
 from ..commands.played_clip import check_columns, device_record
 from ..formats import clip_rules
 from .avatar_pose import AvatarPose
+from .controlled_playback import weakened
 from .live_values import LiveValues
 from .player_core import CoreBody
 
@@ -72,8 +73,7 @@ class _Worn:
 
     body: FeltBody
     columns: slice
-    neutral: F64  # (columns,)
-    is_strength: Any  # (columns,) bool
+    device: DeviceConfig
 
 
 class FeltBodies:
@@ -82,6 +82,7 @@ class FeltBodies:
     ``path``: a clip with a spatial part; ``devices``: by their names in the client.
     ``ports``: receiver of each tracked body by name; the name "" is the body of the first device.
     ``values``: effects' factors and parameters of other programs.
+    ``place_m``: place of the tracked room's origin on the floor of the recorded scene, x and y.
     ``say``: takes sentences about persons found and lost.
 
     Raises InputError: the clip has no such body or device; UsageError: a device has no port.
@@ -99,12 +100,14 @@ class FeltBodies:
         ports: Mapping[str, OscReceiver],
         values: LiveValues,
         say: Callable[[str], None],
+        place_m: tuple[float, float] = (0.0, 0.0),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         content = read_data(path)
         sections = clip_rules.read(content, str(path))
         if not len(sections["BODY"]) or not len(sections["EFCT"]):
             raise InputError(f"{path}: it has no spatial part; expected a body and an effect.")
+        self._place_m = np.array([*place_m, 0.0])
         self._names = texts_at(sections, sections["BODY"]["name"])
         self._values, self._say, self._clock = values, say, clock
         self._before_s: float | None = None
@@ -128,13 +131,8 @@ class FeltBodies:
                     raise UsageError(f"'{wearer}' has no port: give --body {wearer}=PORT")
                 self.bodies[wearer] = self._body(content, sections, wearer, receiver, str(path))
             first, count = int(record["first_column"]), int(record["columns"])
-            strengths = [k == 0 for a in device.actuators for k in range(len(a.type.controls))]
-            self._worn[name] = _Worn(
-                self.bodies[wearer],
-                slice(first, first + count),
-                device.neutral,
-                np.array(strengths),
-            )
+            columns = slice(first, first + count)
+            self._worn[name] = _Worn(self.bodies[wearer], columns, device)
         unknown = [name for name in ports if name and name not in self._names]
         if unknown:
             known = ", ".join(f"'{name}'" for name in self._names[:5])
@@ -163,11 +161,9 @@ class FeltBodies:
         """Values (columns,) of a device after :meth:`show`'s evaluation, with gain and fade."""
         worn = self._worn[name]
         factor = worn.body.factor(now_s) * self._values.gain
-        if worn.body.values is None or factor == 0.0:
-            return worn.neutral
-        values = worn.body.values[worn.columns].astype(np.float64)
-        weakened = worn.neutral + factor * (values - worn.neutral)
-        return np.where(worn.is_strength, weakened, values)
+        if worn.body.values is None:
+            return worn.device.neutral
+        return weakened(worn.body.values[worn.columns].astype(np.float64), factor, worn.device)
 
     def _body(
         self, content: bytes, sections: Sections, name: str, receiver: OscReceiver, path: str
@@ -178,7 +174,8 @@ class FeltBodies:
         bones = sections["BONE"][first : first + count]
         parents = [int(p) if int(p) < count else -1 for p in bones["parent"]]
         rest = bones["rest"].astype(np.float64).reshape(count, 3, 4)
-        pose = AvatarPose(texts_at(sections, bones["human"]), parents, rest)
+        human = texts_at(sections, bones["human"])
+        pose = AvatarPose(human, parents, rest, self._place_m)
         return FeltBody(name, CoreBody(content, index, path), pose, receiver)
 
 

@@ -36,6 +36,10 @@ class LiveValues:
     def gain(self) -> float:
         return 0.0 if self.is_muted else self.overall
 
+    def factor(self, effect: str) -> float:
+        """Factor of an effect's level by name: the intensity, 0 while muted; 1 unless received."""
+        return 0.0 if self.muted.get(effect) else self.intensities.get(effect, 1.0)
+
     def take(self) -> list[ValueChange]:
         """Apply the newest messages; returns the changes in order of arrival."""
         changes = []

@@ -44,7 +44,7 @@ class Stage:
         devices = {device: load_device(device)}
         ports: dict[str, OscReceiver] = {port: self.pose}  # type: ignore[dict-item]
         self.bodies = FeltBodies(
-            clip, devices, ports, self.values, self.news.append, lambda: self.now_s
+            clip, devices, ports, self.values, self.news.append, clock=lambda: self.now_s
         )
 
     def send(self, name: str, values: Any) -> None:

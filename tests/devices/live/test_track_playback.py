@@ -16,6 +16,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,10 +25,16 @@ from raw_server import RawServer
 from test_render_process import HEADER, STREAMS, places, vibration
 
 from hfx_blender import cli
+from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live.track_playback import PlayedTrack
-from hfx_blender.devices.workers.live_frame import decode_live_frame, encode_live_frame
+from hfx_blender.devices.workers.live_frame import LiveFrame, decode_live_frame, encode_live_frame
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import TrackWriter
+from hfx_blender.tracking.osc_packets import OscMessage
+from hfx_blender.tracking.receiver import ReceivedMessage
+from hfx_blender.tracking.value_addresses import address_of
+from hfx_tools.live_body.controlled_playback import ControlledSource, weakened
+from hfx_tools.live_body.live_values import LiveValues
 
 RATE_HZ = 20
 
@@ -47,6 +54,49 @@ def written(path: Path, length_s: float, loud: range) -> Path:
             at = np.array([index])
             writer.append([replace(run, indices=at, times_s=at / RATE_HZ)])
     return path
+
+
+def test_gain_mute_and_intensity_arrive_by_osc(track: Path) -> None:
+    class Received:
+        waiting: list[ReceivedMessage] = []
+
+        def take(self) -> list[ReceivedMessage]:
+            messages, self.waiting = self.waiting, []
+            return messages
+
+    class Client:
+        devices = {"band": SimpleNamespace(number=7)}
+
+        def show(self, moment: LiveFrame) -> None:
+            self.moment = moment
+
+    receiver, client = Received(), Client()
+    with PlayedTrack(track) as source:
+        name = source.header.effects[0].name
+        controlled = ControlledSource(source, LiveValues(receiver), {})  # type: ignore[arg-type]
+        (level,) = source.frame(0.75).runs[0].levels
+
+        def levels(parameter: str, value: float) -> list[float]:
+            address = address_of(
+                "all" if parameter in ("gain", "mute") else "effect", name, parameter
+            )
+            receiver.waiting.append(ReceivedMessage(OscMessage(address, (value,)), 0.0))
+            controlled.show(client, 0.75)  # type: ignore[arg-type]
+            return [float(run.levels[0]) for run in client.moment.runs]
+
+        assert levels("gain", 0.25) == [level] and client.moment.gains == {7: 0.25}
+        assert levels("mute", 1.0) == [level] and client.moment.gains == {7: 0.0}
+        assert levels("intensity", 0.5) == [0.5 * level]
+        assert levels("intensity", 0.0) == []
+
+
+def test_values_are_weakened_towards_neutral() -> None:
+    band = load_device(BAND)
+    values = band.neutral.copy()
+    values[:2] = 10.0, 120.0  # amplitude and frequency of the first actuator
+    # Half of 10 m/s^2; a frequency stays.
+    assert weakened(values, 0.5, band)[:2].tolist() == [5.0, 120.0]
+    assert weakened(values, 0.0, band).tolist() == band.neutral.tolist()
 
 
 def arguments(track: Path, *more: str) -> list[str]:
