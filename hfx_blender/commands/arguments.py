@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shared command arguments: file name patterns, checked values, ``--largest`` and ``--json``."""
+"""Shared command arguments: file name patterns, checked values and ``--json``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError
-from ..files import limits
 from .console import Console
 
 T = TypeVar("T")
@@ -33,22 +32,6 @@ def expanded(paths: Sequence[Path]) -> list[Path]:
             raise InputError(f"{path}: there is no such file, and none that matches this pattern.")
         files += map(Path, matches)
     return list(dict.fromkeys(files))
-
-
-def add_largest(parser: Any) -> None:
-    """Add ``--largest``, a factor of all limits of :mod:`.limits` while the command runs."""
-    parser.add_argument(
-        "--largest",
-        type=checked(
-            float,
-            lambda factor: 0.0 < factor <= limits.MOST_TIMES,
-            f"more than 0, up to {limits.MOST_TIMES:g}",
-        ),
-        default=1.0,
-        metavar="N",
-        help="multiply the limits on memory, time and pixels of files that are read by N "
-        "(default: 1)",
-    )
 
 
 def add_json(parser: Any, run: Callable[[argparse.Namespace, Console], int]) -> None:

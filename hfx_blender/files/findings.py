@@ -66,18 +66,6 @@ class Report:
             self.findings.append(Finding(full_code, shown_place(place), message, severity))
 
 
-def decoding_findings(
-    format_name: str, decode: Callable[[bytes, str], object], content: bytes, name: str
-) -> list[Finding]:
-    """Decode a file; the decoding error is its only finding, without an error the list is empty."""
-    report = Report(format_name)
-    try:
-        decode(content, name)
-    except InputError as error:
-        report.error("CONTENT", None, str(error).removeprefix(f"{name}: ").rstrip("."))
-    return report.findings
-
-
 def json_validator(
     findings: Callable[[Any], list[Finding]], read: Callable[[bytes, str], Any] = parse
 ) -> Callable[[bytes, str], list[Finding]]:

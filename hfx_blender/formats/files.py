@@ -52,15 +52,6 @@ def _formats_without_check() -> list[FormatInfo]:
     return [info for info in FORMATS.values() if info.read]
 
 
-def is_known(path: Path) -> bool:
-    """Test for a file of a format with ``check``; the content of ``.json`` files is read."""
-    try:
-        format_of(path)
-    except InputError:
-        return False
-    return True
-
-
 def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Finding]]:
     """Return the format and the findings of a file, in file order; none: valid.
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
 from typing import Any, Final
 
 from ..errors import UsageError
@@ -300,18 +299,6 @@ def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = E
     for name in names:
         if name not in known:
             raise UsageError(f"{option} {name}: expected one of {', '.join(known)}")
-
-
-def target_of(path: Path) -> FormatInfo:
-    """Return the writable format whose suffix ends an output path, case-sensitive; the longest
-    suffix wins. Raises UsageError for an unknown suffix, and for a name of only a suffix."""
-    # ".v1.he" ends with ".he", too: the longest suffix wins.
-    targets = [FORMATS[id] for id in TARGETS]
-    for info in sorted(targets, key=lambda each: -len(each.suffix)):
-        if path.name.endswith(info.suffix) and path.name != info.suffix:
-            return info
-    suffixes = ", ".join(target.suffix for target in targets)
-    raise UsageError(f"{path}: its suffix names no format; there are {suffixes}, or say --to")
 
 
 def suffixes(ids: Sequence[str]) -> tuple[str, ...]:

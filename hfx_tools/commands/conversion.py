@@ -25,8 +25,8 @@ from hfx_blender.files.staging import place, staging
 from hfx_blender.formats.files import fault_of, format_of, read_signals
 from hfx_blender.formats.hjif.semantics import is_date
 from hfx_blender.formats.rasters import csv_raster
-from hfx_blender.formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown, target_of
-from hfx_blender.formats.signals.signals import DEFAULT_TOLERANCE, Credits, Signal, distinct
+from hfx_blender.formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown
+from hfx_blender.formats.signals.signals import DEFAULT_TOLERANCE, Credits, Signal
 from hfx_blender.formats.sound import wav
 from hfx_blender.formats.writing import write, write_signals
 from hfx_blender.formats.written import Written, part_path
@@ -293,3 +293,30 @@ def _refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
                 f"{path}: cannot be written (another program's file has this name); "
                 f"'{target.name}' needs this name: choose another target."
             )
+
+
+def target_of(path: Path) -> FormatInfo:
+    """Return the writable format whose suffix ends an output path, case-sensitive; the longest
+    suffix wins. Raises UsageError for an unknown suffix, and for a name of only a suffix."""
+    # ".v1.he" ends with ".he", too: the longest suffix wins.
+    targets = [FORMATS[id] for id in TARGETS]
+    for info in sorted(targets, key=lambda each: -len(each.suffix)):
+        if path.name.endswith(info.suffix) and path.name != info.suffix:
+            return info
+    suffixes = ", ".join(target.suffix for target in targets)
+    raise UsageError(f"{path}: its suffix names no format; there are {suffixes}, or say --to")
+
+
+def distinct(signals: Iterable[Signal]) -> list[Signal]:
+    """Signals in order, repeated names numbered ("a", "a 2"), as files are named after signals.
+    Case does not count; a number that is a name already is passed over."""
+    taken: dict[str, int] = {}  # last number given to each name
+    renamed = []
+    for signal in signals:
+        name, key = signal.name, signal.name.casefold()
+        while name.casefold() in taken:
+            taken[key] = taken.get(key, 1) + 1
+            name = f"{signal.name} {taken[key]}"
+        taken[name.casefold()] = 1
+        renamed.append(replace(signal, name=name))
+    return renamed

@@ -7,9 +7,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hfx_blender.commands.arguments import add_json, add_largest
+from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import InputError
+
+from .size_option import add_largest
 
 
 def add_parser(commands: Any) -> None:

@@ -98,10 +98,12 @@ def _find(_options: argparse.Namespace, console: Console) -> int:
 
 
 def _check(options: argparse.Namespace, console: Console) -> int:
-    from hfx_blender.devices.configuration import check, load_device
+    from hfx_blender.devices.configuration import load_device
+
+    from .device_faults import faults_of
 
     refuse_no_file(options.file)
-    faults = check(options.file)
+    faults = faults_of(options.file)
     for fault in faults:
         console.warn(fault)
     if not faults:

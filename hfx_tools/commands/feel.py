@@ -86,11 +86,11 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """Play until the end; DeviceError for devices that failed."""
     from hfx_blender.devices.configuration import load_device
     from hfx_blender.devices.live.client import LiveClient
-    from hfx_blender.devices.live.track_playback import fault_of, play
     from hfx_blender.files import resources
 
     from ..live_body.felt_bodies import FeltBodies
     from ..live_body.live_values import LiveValues
+    from .playback_loop import fault_of, play
 
     names = list(dict.fromkeys(options.device))
     check_outputs(options, names)

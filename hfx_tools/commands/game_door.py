@@ -62,7 +62,7 @@ class _Driven:
 
 
 class GameDoor:
-    """Values of a game as a :class:`.track_playback.ValueSource`, without an end.
+    """Values of a game as a :class:`.playback_loop.ValueSource`, without an end.
 
     ``devices``: devices by their names in the client.
     ``port``: UDP port; 0: any free port. The attribute ``port`` has the port in use.

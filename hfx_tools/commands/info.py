@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from hfx_blender.blender.scene_info import fps_of
-from hfx_blender.commands.arguments import add_json, add_largest
+from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import InputError, refuse_no_file
 from hfx_blender.export.result_files import listed
@@ -27,6 +27,8 @@ from hfx_blender.files.json_shapes import (
 )
 from hfx_blender.processes import blender_session
 from hfx_blender.text import printable
+
+from .size_option import add_largest
 
 _REPORT_SUFFIX: Final = ".report.json"
 _LISTS: Final = ("felt", "effects", "unrendered", "warnings", "notes")
@@ -56,7 +58,6 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Print the facts of a file, as text or JSON; returns 0. InputError for an unknown suffix."""
-    from hfx_blender.formats.files import is_known
 
     from ..formats.facts import facts_of
 
@@ -242,6 +243,13 @@ def _effect(path: Path) -> dict[str, Any]:
     from hfx_blender.authoring.effects import effect_file
 
     sensation = effect_file.load(path)
+    wheres = {
+        effect_file.PartsArea: "area",
+        effect_file.VertexArea: "area",
+        effect_file.VolumeRecipe: "volume",
+        effect_file.SpotRecipe: "spot",
+        effect_file.ActuatorsRecipe: "actuators",
+    }
     return {
         "file": str(path),
         "sensation": sensation.name,
@@ -250,7 +258,7 @@ def _effect(path: Path) -> dict[str, Any]:
             {
                 "effect": effect.name,
                 "modality": effect.modality,
-                "where": effect_file.where_of(effect),
+                "where": wheres[type(effect.where)],
                 "clips": len(effect.clips),
             }
             for effect in sensation.effects
@@ -303,3 +311,14 @@ _KINDS = {
     kinds.EFFECT_SUFFIX: OwnFile("effect", "effects", _effect),
     kinds.PATH_SUFFIX: OwnFile("path", "path on the skin", _path),
 }
+
+
+def is_known(path: Path) -> bool:
+    """Test for a file of a format with ``check``; the content of ``.json`` files is read."""
+    from hfx_blender.formats.files import format_of
+
+    try:
+        format_of(path)
+    except InputError:
+        return False
+    return True

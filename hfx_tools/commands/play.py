@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from hfx_blender.devices.live.approval import DeviceScript
     from hfx_blender.devices.live.client import LiveClient
     from hfx_blender.devices.live.live_settings import LiveSettings
-    from hfx_blender.devices.live.track_playback import ValueSource
     from hfx_blender.engine.rendering.device_config import DeviceConfig
+
+    from .playback_loop import ValueSource
 
     Targets = dict[str, tuple[DeviceConfig, DeviceScript | None]]
 
@@ -148,7 +149,8 @@ def add_osc_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace, console: Console) -> int:
     """Play the file to the end; DeviceError for devices that failed."""
     from hfx_blender.devices.live.client import LiveClient
-    from hfx_blender.devices.live.track_playback import fault_of, play
+
+    from .playback_loop import fault_of, play
 
     # With --json standard output holds nothing but the result.
     write_note = console.warn if console.as_json else console.say

@@ -15,9 +15,10 @@ from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import columns_of
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import read_data
-from hfx_blender.formats.clip.container import Records, Sections, texts_at
+from hfx_blender.formats.clip.container import Records, Sections
 
 from ..formats import clip_rules
+from ..formats.clip_reader import texts_at
 
 if TYPE_CHECKING:
     from hfx_blender.devices.live.client import LiveClient

@@ -7,12 +7,14 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hfx_blender.commands.arguments import add_json, add_largest
+from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import UsageError, refuse_no_file
 from hfx_blender.files.atomic import inputs_kept
 from hfx_blender.files.staging import make_folder
 from hfx_blender.processes import blender_session
+
+from .size_option import add_largest
 
 
 def add_parser(commands: Any) -> None:

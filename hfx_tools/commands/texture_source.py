@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hfx_blender.commands.arguments import add_largest, checked, pair_of
+from hfx_blender.commands.arguments import checked, pair_of
 from hfx_blender.errors import InputError, UsageError, refuse_no_file
 from hfx_blender.files.kinds import PICTURE_SUFFIXES, TEXTURE_MAP_SUFFIX, title_of
 from hfx_blender.processes import blender_session
+
+from .size_option import add_largest
 
 if TYPE_CHECKING:
     from hfx_blender.engine.arrays import F64

@@ -7,11 +7,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from hfx_blender.commands.arguments import add_json, add_largest, expanded
+from hfx_blender.commands.arguments import add_json, expanded
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import InputError
 
-from .info import kind_of
+from .info import is_known, kind_of
+from .size_option import add_largest
 
 SOME_FAILED = 5
 
@@ -48,7 +49,6 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
 def _known_in(folder: Path) -> list[Path]:
     """Visible files of known formats in a folder and its subfolders, sorted; InputError without."""
-    from hfx_blender.formats.files import is_known
     from hfx_blender.formats.registry import FORMATS
 
     read_whole = tuple(info.suffix for info in FORMATS.values() if info.read)

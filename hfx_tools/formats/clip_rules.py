@@ -20,10 +20,10 @@ from hfx_blender.formats.clip.container import (
     RECORDS,
     Records,
     Sections,
-    decoded,
     refuse_long,
-    texts_at,
 )
+
+from .clip_reader import decoded, texts_at
 
 _PARAMETERS: Final = {parameter.name for one in MODALITIES.values() for parameter in one.parameters}
 _MOST_ROWS: Final = 2**31 - 1

@@ -17,7 +17,7 @@ from hfx_blender.engine.rendering.raster import Column, Raster
 from hfx_blender.engine.stepwise import tell
 from hfx_blender.errors import InputError
 from hfx_blender.files import limits
-from hfx_blender.files.findings import Finding, decoding_findings
+from hfx_blender.files.findings import Finding
 from hfx_blender.files.strict_json import read_data
 
 from . import raster_rules
@@ -29,7 +29,7 @@ _MAX_COLUMNS: Final = 100_000
 
 def validate(content: bytes, name: str) -> list[Finding]:
     """Return the first fault of a file as a finding, or none."""
-    return decoding_findings("CSV", decode, content, name)
+    return raster_rules.decoding_findings("CSV", decode, content, name)
 
 
 def read(path: Path) -> Raster:

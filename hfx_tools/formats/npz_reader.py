@@ -19,7 +19,7 @@ from hfx_blender.engine.rendering.raster import Column, FeltStream, Raster, Shor
 from hfx_blender.engine.samples import Stream
 from hfx_blender.errors import InputError
 from hfx_blender.files import limits
-from hfx_blender.files.findings import Finding, Report, decoding_findings, refuse_errors
+from hfx_blender.files.findings import Finding, Report, refuse_errors
 from hfx_blender.files.json_shapes import Anything, Items, Number, Record, Text, check, strict
 from hfx_blender.files.strict_json import parse, read_data
 from hfx_blender.formats.rasters.npz_raster import FELT_ARRAYS, FORMAT, SIZE_WORDS
@@ -64,7 +64,9 @@ _DOCUMENT = strict(
 def validate(content: bytes, name: str) -> list[Finding]:
     """Return the first fault as a finding, or else a warning for a raster without columns."""
     read: list[Raster] = []
-    findings = decoding_findings("NPZ", lambda *of: read.append(decode(*of)), content, name)
+    findings = raster_rules.decoding_findings(
+        "NPZ", lambda *of: read.append(decode(*of)), content, name
+    )
     if read and not read[0].columns:
         message = "there are no columns to play"
         findings.append(Finding("NPZ-COLUMNS", "columns", message, "warning"))

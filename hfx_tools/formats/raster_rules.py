@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rules and facts of rasters, for any file format."""
+"""Rules, findings and facts of rasters, for any file format."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
 
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.errors import InputError
+from hfx_blender.files.findings import Finding, Report
 from hfx_blender.formats.writing import refuse_large
 
 _MOST_HZ: Final = 10**6
@@ -62,3 +64,15 @@ def facts(raster: Raster) -> dict[str, Any]:
         "columns": len(raster.columns),
         "parameters": sorted({f"{column.parameter} [{column.unit}]" for column in raster.columns}),
     }
+
+
+def decoding_findings(
+    format_name: str, decode: Callable[[bytes, str], object], content: bytes, name: str
+) -> list[Finding]:
+    """Decode a file; the decoding error is its only finding, without an error the list is empty."""
+    report = Report(format_name)
+    try:
+        decode(content, name)
+    except InputError as error:
+        report.error("CONTENT", None, str(error).removeprefix(f"{name}: ").rstrip("."))
+    return report.findings

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.track_playback import PlayedTrack, ValueSource
+from hfx_blender.devices.live.track_playback import PlayedTrack
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.samples import SampleRun
 
+from ..commands.playback_loop import ValueSource
 from .live_values import LiveValues
 
 

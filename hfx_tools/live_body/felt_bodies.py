@@ -17,12 +17,13 @@ from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.files.strict_json import read_data
-from hfx_blender.formats.clip.container import Sections, texts_at
+from hfx_blender.formats.clip.container import Sections
 from hfx_blender.tracking.receiver import OscReceiver
 from hfx_blender.tracking.vmc_body import VmcBody
 
 from ..commands.played_clip import check_columns, device_record
 from ..formats import clip_rules
+from ..formats.clip_reader import texts_at
 from .avatar_pose import AvatarPose
 from .controlled_playback import weakened
 from .live_values import LiveValues

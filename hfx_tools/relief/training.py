@@ -14,12 +14,13 @@ import torch.distributed
 from torch import Tensor
 from torch.nn import functional
 
-from hfx_blender.engine.texture.relief.relief_network import packed, prepared
+from hfx_blender.engine.texture.relief.relief_network import prepared
 from hfx_blender.files.atomic import atomic_file
 from hfx_blender.processes import start
 
 from . import data_set
 from .network import ReliefNetwork, weights_of
+from .weight_storage import packed
 
 SEED: Final = 1
 SAMPLES: Final = 8000

@@ -8,7 +8,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from hfx_blender.devices.configuration import check, list_devices, load_device
+from hfx_blender.devices.configuration import list_devices, load_device
 from hfx_blender.engine.rendering.device_config import (
     BodyPlace,
     RoomPlace,
@@ -17,6 +17,7 @@ from hfx_blender.engine.rendering.device_config import (
 )
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
+from hfx_tools.commands.device_faults import faults_of
 
 SCHEMA = json.loads(
     (resources.device_configs() / "schema" / "device.schema.json").read_text(encoding="utf-8")
@@ -292,7 +293,7 @@ def test_each_field_wrong_in_turn(full, stored, path, value):
     # The message names the field, or the enclosing object or list.
     keys = [key for key in path.split("/") if not key.isdigit()]
     assert any(key in message for key in keys[-2:])
-    assert check(file) == [message]
+    assert faults_of(file) == [message]
     assert VALIDATOR.is_valid(document) == ((path, value) in SEEN_BY_THE_READER)
 
 
@@ -404,13 +405,13 @@ def test_a_folder_of_the_user_goes_first(full, stored, tmp_path):
 
 
 def test_check_finds_places_off_the_body(full, stored):
-    (fault,) = check(stored(full))
+    (fault,) = faults_of(stored(full))
     assert "actuators[1].place" in fault and "another 'hfx-vibration-1'" in fault
     full["actuators"][0]["place"]["placement"]["centre_m"] = [0, 0, 2.9]
-    first, second = check(stored(full))
+    first, second = faults_of(stored(full))
     assert "actuators[0].place" in first and "nearest vertex" in first
     assert second == fault
-    assert check(stored(full), models=None) == []
+    assert faults_of(stored(full), models=None) == []
 
 
 def test_the_schema_is_itself_valid_and_not_a_device():
@@ -428,7 +429,7 @@ def test_shipped_configurations_are_valid(path: Path):
     document = json.loads(path.read_text(encoding="utf-8"))
     VALIDATOR.validate(document)
     assert document["id"] == path.stem
-    assert check(path) == []
+    assert faults_of(path) == []
 
 
 def test_the_example_of_the_documentation_is_valid(stored):
@@ -436,7 +437,7 @@ def test_the_example_of_the_documentation_is_valid(stored):
     example = page.read_text(encoding="utf-8").split("```json\n")[1].split("```")[0]
     VALIDATOR.validate(json.loads(example))
     file = stored(example, "warm_sleeve.json")
-    assert check(file) == []
+    assert faults_of(file) == []
     device = load_device(file)
     assert [actuator.id for actuator in device.actuators] == ["inner", "outer"]
     assert device.actuator_types["element"].strength.highest == 38

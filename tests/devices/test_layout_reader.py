@@ -7,9 +7,9 @@ import math
 
 import pytest
 
-from hfx_blender.devices import configuration
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError
+from hfx_tools.commands.device_faults import faults_of
 
 
 def read(stored, content):
@@ -85,7 +85,7 @@ def test_faults_of_a_mount_name_their_place(full, stored, change, message):
 
 def test_a_pad_without_a_mount_is_refused(full, stored):
     del pad(full)["mount"]
-    assert any("mount" in fault for fault in configuration.check(stored(full)))
+    assert any("mount" in fault for fault in faults_of(stored(full)))
 
 
 def bent(full, radius_mm):

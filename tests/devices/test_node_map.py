@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.devices.configuration import check, load_device
+from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations.imported_layouts import EYE_HEIGHT_M, import_layout
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, SIDES
 from hfx_blender.engine.rendering.actuator_vertices import vertices_of
 from hfx_blender.errors import InputError
+from hfx_tools.commands.device_faults import faults_of
 
 
 def node(bone: str, x: float, y: float, z: float, address: str | None = None) -> dict[str, Any]:
@@ -50,7 +51,7 @@ def written(tmp_path: Path):
 
 def test_a_node_map_becomes_a_device_that_fits(written: Any) -> None:
     layout = import_layout(written(NODES), "my_vest")
-    assert check(layout) == []
+    assert faults_of(layout) == []
     device = load_device("my_vest")
     assert [actuator.id for actuator in device.actuators] == [
         "node_1",

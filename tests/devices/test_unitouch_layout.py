@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hfx_blender.devices.configuration import check, load_device
+from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations.imported_layouts import import_layout
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.rendering.actuator_vertices import vertices_of
 from hfx_blender.errors import InputError
+from hfx_tools.commands.device_faults import faults_of
 
 PLACES = [(x, y, z) for z in (0.75, 0.25) for y in (0.8, 0.2) for x in (0.3, 0.7)]
 
@@ -44,7 +45,7 @@ def imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         path = tmp_path / "layout.json"
         path.write_text(json.dumps(content))
         device = import_layout(path, name)
-        assert check(device) == []
+        assert faults_of(device) == []
         return load_device(name, device.parent)
 
     return make

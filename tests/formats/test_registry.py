@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from hfx_blender.errors import UsageError
-from hfx_blender.formats.registry import EXPORTED, FORMATS, FormatInfo, target_of
+from hfx_blender.formats.registry import EXPORTED, FORMATS, FormatInfo
+from hfx_tools.commands.conversion import target_of
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "formats" / "index.md"
 FUNCTIONS = (

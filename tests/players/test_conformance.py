@@ -57,8 +57,8 @@ class Scales:
     """Allowed difference: a 65535th of full scale, enlarged by gain and factors."""
 
     def __init__(self, path: Path) -> None:
-        from hfx_blender.formats.clip.container import texts_at
         from hfx_tools.formats import clip_rules
+        from hfx_tools.formats.clip_reader import texts_at
 
         sections = clip_rules.read(path.read_bytes(), str(path))
         columns = sections["COLM"]

@@ -33,9 +33,10 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.formats.clip.clip_writer import write
 from hfx_blender.formats.clip.common_rigs import rig_names
-from hfx_blender.formats.clip.container import encoded, texts_at
+from hfx_blender.formats.clip.container import encoded
 from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
 from hfx_tools.formats import clip_rules
+from hfx_tools.formats.clip_reader import texts_at
 
 
 @pytest.mark.parametrize(("level", "seconds"), [(2, 0.25), (0, 0.04)])

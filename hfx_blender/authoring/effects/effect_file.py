@@ -349,14 +349,6 @@ def save(sensation: Sensation, path: Path) -> None:
         file.write(text_of(sensation).encode())
 
 
-def where_of(effect: EffectRecipe) -> str:
-    """JSON key of an effect's location: ``area``, ``volume``, ``spot`` or ``actuators``."""
-    if isinstance(effect.where, PartsArea | VertexArea):
-        return "area"
-    kinds = {VolumeRecipe: "volume", SpotRecipe: "spot", ActuatorsRecipe: "actuators"}
-    return kinds[type(effect.where)]
-
-
 def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
     """JSON object of an effect. Members of a volume that its shape does not have, and empty
     responses, swarms, paths and curves of clips, are left out."""

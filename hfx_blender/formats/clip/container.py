@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Container of a clip: sections of records, as specified in ``docs/formats/clip.md``."""
+"""Container of a clip: types of its records, and writing, as in ``docs/formats/clip.md``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import InputError
 from ...files import limits
 from ...files.limits import TooLargeError
 from ...files.strict_json import clean
@@ -23,14 +22,13 @@ NONE: Final = 0xFFFFFFFF
 MOST_TEXT: Final = 1000
 """Largest length of a text, bytes."""
 
-_MAGIC: Final = b"HFXCLIP\n"
-_HEAD: Final = struct.Struct("<8sIIII")
-_SECTION: Final = struct.Struct("<4sIII")
-_MOST_SECTIONS: Final = 64
+MAGIC: Final = b"HFXCLIP\n"
+HEAD: Final = struct.Struct("<8sIIII")
+SECTION: Final = struct.Struct("<4sIII")
 _MOST_BYTES: Final = 2**31 - 1
 _SIZE_AT: Final = 12
-_CHECKED_FROM: Final = 20
-_ALIGNED: Final = 8
+CHECKED_FROM: Final = 20
+ALIGNED: Final = 8
 
 Records = npt.NDArray[Any]
 Sections = Mapping[str, Records]
@@ -114,12 +112,6 @@ class Texts:
         return np.frombuffer(bytes(self._bytes), np.uint8)
 
 
-def texts_at(sections: Sections, places: Records) -> list[str]:
-    """Texts at byte offsets (n,) of the section ``TEXT`` of a valid clip."""
-    content = sections["TEXT"].tobytes()
-    return [content[k : content.index(b"\0", k)].decode() for k in places.tolist()]
-
-
 def records(section: str, rows: Sequence[tuple[Any, ...]]) -> Records:
     """Array (n,) of the record type of a section, from tuples in field order; may be empty."""
     return np.array(list(rows), RECORDS[section])
@@ -134,72 +126,25 @@ def encoded(sections: Sections, name: str) -> bytes:
         if record in sections and len(sections[record])
     ]
     # Contents start at multiples of 8 bytes, so readers may map records of doubles in place.
-    at = _HEAD.size + _SECTION.size * len(filled)
+    at = HEAD.size + SECTION.size * len(filled)
     table = b""
     parts: list[bytes] = []
     for section, section_records in filled:
-        gap = -at % _ALIGNED
+        gap = -at % ALIGNED
         content = np.ascontiguousarray(section_records, RECORDS[section]).tobytes()
-        table += _SECTION.pack(section.encode(), at + gap, len(content), 0)
+        table += SECTION.pack(section.encode(), at + gap, len(content), 0)
         parts += [bytes(gap), content]
         at += gap + len(content)
     if at > _MOST_BYTES:
         raise TooLargeError(f"{name}: a clip of {at:,} bytes, allowed are {_MOST_BYTES:,}.")
-    return with_checksum(_HEAD.pack(_MAGIC, VERSION, at, 0, len(filled)) + table + b"".join(parts))
+    return with_checksum(HEAD.pack(MAGIC, VERSION, at, 0, len(filled)) + table + b"".join(parts))
 
 
 def with_checksum(content: bytes) -> bytes:
     """Copy of a clip's bytes with its own length and CRC-32 (of bytes 20 on) set in the head."""
     content = content[:_SIZE_AT] + struct.pack("<I", len(content)) + content[_SIZE_AT + 4 :]
-    checksum = struct.pack("<I", zlib.crc32(content[_CHECKED_FROM:]))
-    return content[: _CHECKED_FROM - 4] + checksum + content[_CHECKED_FROM:]
-
-
-def decoded(content: bytes, name: str) -> dict[str, Records]:
-    """Decode the sections of a clip: missing sections are empty, unknown sections dropped. Contents
-    are not validated. Raises InputError for another file, a newer version, truncated or damaged
-    content, and misplaced sections."""
-    if content[: len(_MAGIC)] != _MAGIC:
-        raise InputError(f"{name}: is no game clip (its first 8 bytes are not 'HFXCLIP').")
-    if len(content) < _HEAD.size:
-        raise InputError(f"{name}: is cut off: it has {len(content)} bytes.")
-    _, version, size, checksum, count = _HEAD.unpack_from(content)
-    if not 1 <= version <= VERSION:
-        raise InputError(
-            f"{name}: 'version' is {version}, allowed is up to {VERSION}: a newer player reads it."
-        )
-    if size != len(content):
-        raise InputError(f"{name}: 'size' is {size}, but the file has {len(content)} bytes.")
-    # The size is checked first: a truncated file gets a clearer message than a wrong checksum.
-    if zlib.crc32(memoryview(content)[_CHECKED_FROM:]) != checksum:
-        raise InputError(f"{name}: is damaged: its checksum differs.")
-    if count > _MOST_SECTIONS or _HEAD.size + _SECTION.size * count > size:
-        raise InputError(f"{name}: 'sections' is {count}, which do not fit, allowed are 64.")
-    # A section of no records is not stored.
-    sections = {section_name: np.zeros(0, kind) for section_name, kind in RECORDS.items()}
-    names: set[str] = set()
-    # Sections of later versions are skipped, so that old players read new clips.
-    for k in range(count):
-        key, first, length, reserved = _SECTION.unpack_from(content, _HEAD.size + _SECTION.size * k)
-        section = key.decode("latin-1")
-        if section in names:
-            raise InputError(f"{name}: the section {section!r} occurs twice.")
-        if reserved:
-            raise InputError(
-                f"{name}: 'reserved' of section {section!r} is {reserved}, allowed is 0."
-            )
-        names.add(section)
-        if section not in RECORDS:
-            continue
-        kind = RECORDS[section]
-        if first % _ALIGNED or first + length > size or length % kind.itemsize:
-            raise InputError(
-                f"{name}: the section '{section}' has {length} bytes from byte {first}, allowed "
-                f"is a multiple of {kind.itemsize} bytes within {size}, from a multiple of 8."
-            )
-        # A view of the file's bytes without a copy, aligned by the check above.
-        sections[section] = np.frombuffer(content, kind, length // kind.itemsize, first)
-    return sections
+    checksum = struct.pack("<I", zlib.crc32(content[CHECKED_FROM:]))
+    return content[: CHECKED_FROM - 4] + checksum + content[CHECKED_FROM:]
 
 
 def refuse_long(sections: Sections, name: str) -> None:

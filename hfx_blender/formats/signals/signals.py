@@ -109,21 +109,6 @@ class Signal:
         return not is_felt and not self.is_kept
 
 
-def distinct(signals: Iterable[Signal]) -> list[Signal]:
-    """Signals in order, repeated names numbered ("a", "a 2"), as files are named after signals.
-    Case does not count; a number that is a name already is passed over."""
-    taken: dict[str, int] = {}  # last number given to each name
-    renamed = []
-    for signal in signals:
-        name, key = signal.name, signal.name.casefold()
-        while name.casefold() in taken:
-            taken[key] = taken.get(key, 1) + 1
-            name = f"{signal.name} {taken[key]}"
-        taken[name.casefold()] = 1
-        renamed.append(replace(signal, name=name))
-    return renamed
-
-
 @dataclass(frozen=True)
 class FrequencyRange:
     """Frequencies of the values 0 and 1 in formats without hertz.

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from hfx_blender.engine.texture.procedural import MATERIALS
-from hfx_blender.formats.clip.container import texts_at
 from hfx_tools.formats import clip_rules
+from hfx_tools.formats.clip_reader import texts_at
 
 KINDS = {"Gravel": "gravel-fine", "Metal": "metal-brushed", "Fabric": "fabric-corduroy",
          "Wood": "wood-oak"}  # fmt: skip

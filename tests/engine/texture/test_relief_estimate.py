@@ -13,6 +13,7 @@ from hfx_blender.engine.texture.relief import relief_network
 from hfx_blender.engine.texture.relief.relief_estimate import EstimatedRelief, estimate
 from hfx_blender.errors import InputError
 from hfx_tools.bench.surfaces import relief as bench
+from hfx_tools.relief import weight_storage
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +99,7 @@ def test_weights_keep_their_values_within_half_a_step_of_their_output() -> None:
     )
     kernel[2] = 0.0
     weights = {"a.weight": kernel.astype(np.float32), "a.bias": rng.random(4).astype(np.float32)}
-    packed = relief_network.packed(weights)
+    packed = weight_storage.packed(weights)
     assert packed["a.weight"].dtype == np.int8
     again = relief_network.unpacked(packed)
     assert again.keys() == weights.keys() and np.array_equal(again["a.bias"], weights["a.bias"])

@@ -35,9 +35,9 @@ from hfx_blender.engine.tolerance import PAPER, STANDARD
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.formats.clip import COARSEST
 from hfx_blender.formats.clip.clip_writer import write
-from hfx_blender.formats.clip.container import texts_at
 from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
 from hfx_tools.formats import clip_rules
+from hfx_tools.formats.clip_reader import texts_at
 
 DEVICES = ("oculus_touch", "pressure_vest", "fan_heater")
 

@@ -26,8 +26,7 @@ _DARK: Final = 0.02  # light added before logarithms
 _FLAT: Final = 0.03
 """Slope below which most texels are flat; the network's slopes are always above 0."""
 
-_STEP: Final = ".step"
-_LEAST_STEP: Final = np.float32(1e-30)  # for outputs with zero weights only
+STEP: Final = ".step"
 
 _ROWS: Final = 64  # rows of a convolution at a time
 
@@ -64,25 +63,12 @@ def stored_weights() -> Weights:
         return unpacked(dict(file))
 
 
-def packed(weights: Weights) -> dict[str, npt.NDArray[np.generic]]:
-    """Storage form: arrays as int8, -127..127, and a step per output; 1-D biases as they are."""
-    stored: dict[str, npt.NDArray[np.generic]] = {}
-    for name, value in weights.items():
-        if value.ndim == 1:
-            stored[name] = value
-            continue
-        step = np.abs(value).max(tuple(range(1, value.ndim)), keepdims=True) / np.float32(127.0)
-        stored[name] = np.round(value / np.maximum(step, _LEAST_STEP)).astype(np.int8)
-        stored[name + _STEP] = step
-    return stored
-
-
 def unpacked(stored: dict[str, npt.NDArray[Any]]) -> Weights:
-    """Weights, float32, of the storage form of :func:`packed`, apart from rounding."""
+    """Weights, float32, of the storage form: int8 and a step per output, or as they are."""
     return {
-        name: (value * stored.get(name + _STEP, 1)).astype(np.float32)
+        name: (value * stored.get(name + STEP, 1)).astype(np.float32)
         for name, value in stored.items()
-        if not name.endswith(_STEP)
+        if not name.endswith(STEP)
     }
 
 
