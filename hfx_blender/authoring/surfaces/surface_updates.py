@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import logging
 import time
+import zlib
 
 import bpy
 
 from ...blender.events import call_soon, redraw, remove_timers
-from ...errors import HfxError
+from ...errors import HfxError, InputError
 from .material_relief import images_of, material_hash
 
 DELAY_S = 0.3
@@ -24,11 +25,13 @@ QUICK_S = 1.5
 
 _SHOWN_S = 2.0
 _PAINTED = "painted"  # no hash of a material
+_UNNAMED = ""  # no image's name
 
 _log = logging.getLogger(__name__)
 _waiting: set[str] = set()  # names of objects
 shown_s: dict[str, float] = {}  # time of an object's last display
-painted_images: set[str] = set()  # images with possibly changed pixels
+painted_images: set[str] = set()  # full names of updated images, "" for an unnamed image
+_pixel_sums: dict[int, int] = {}  # CRC-32 of an image's pixels by session uid
 last_edit_s: list[float] = [0.0]
 
 
@@ -76,13 +79,12 @@ def is_material_update(graph: bpy.types.Depsgraph) -> bool:
 
 
 def note_painted(graph: bpy.types.Depsgraph) -> None:
-    """Add the full names of updated images to :data:`painted_images`."""
+    """Add the full names of updated images to :data:`painted_images`; "" if Blender names none."""
     if graph.id_type_updated("IMAGE"):
-        painted_images.update(
-            update.id.name_full
-            for update in graph.updates
-            if isinstance(update.id, bpy.types.Image)
-        )
+        # Only images in the graph are named: none of a hidden object, and up to 4.4 none assigned
+        # to a node since the graph was last built, which a new object causes.
+        names = {u.id.name_full for u in graph.updates if isinstance(u.id, bpy.types.Image)}
+        painted_images.update(names or {_UNNAMED})
 
 
 def check() -> list[bpy.types.Object]:
@@ -90,18 +92,16 @@ def check() -> list[bpy.types.Object]:
     ``is_outdated`` of material surfaces, and forgets the painted images."""
     from . import surfaces
 
-    painted = {image for image in bpy.data.images if image.name_full in painted_images}
-    painted_images.clear()
+    baked = [obj for obj in surfaces.surfaces_of(bpy.context.scene) if obj.hfx.surface.made_of]
+    painted = _forget_painted(baked) if painted_images else set()
     outdated_surfaces = []
-    for obj in surfaces.surfaces_of(bpy.context.scene):
+    for obj in baked:
         settings = obj.hfx.surface
-        if not settings.made_of:
-            continue
-        if settings.source == "IMAGE" and painted & {settings.image, settings.roughness_image}:
+        if settings.source == "IMAGE" and painted & _sources_of(obj):
             outdated_surfaces.append(obj)
         if settings.source != "MATERIAL":
             continue
-        if painted and painted & images_of(obj):
+        if painted and painted & _sources_of(obj):
             settings.material_state = _PAINTED
         is_outdated = has_edited_material(obj)
         # Assigning an equal value would cause another update.
@@ -110,6 +110,37 @@ def check() -> list[bpy.types.Object]:
         if is_outdated:
             outdated_surfaces.append(obj)
     return outdated_surfaces
+
+
+def _sources_of(obj: bpy.types.Object) -> set[bpy.types.Image]:
+    """Images that a surface of an image or material is made from; empty for further sources."""
+    settings = obj.hfx.surface
+    if settings.source == "IMAGE":
+        return {settings.image, settings.roughness_image} - {None}
+    return images_of(obj) if settings.source == "MATERIAL" else set()
+
+
+def _forget_painted(baked: list[bpy.types.Object]) -> set[bpy.types.Image]:
+    """Clear :data:`painted_images`; return the painted images of surfaces. After an update without
+    names these are images with other pixels than at the last comparison."""
+    names = set(painted_images)
+    painted_images.clear()
+    images = set().union(*map(_sources_of, baked))
+    changed = {image for image in images if _has_new_pixels(image)} if _UNNAMED in names else set()
+    return changed | {image for image in images if image.name_full in names}
+
+
+def _has_new_pixels(image: bpy.types.Image) -> bool:
+    """Compare an image's pixels with the last call; at the first call, test for unsaved pixels."""
+    from . import image_values
+
+    try:
+        pixel_sum = zlib.crc32(image_values.pixels_of(image))
+    except InputError:  # no pixels, or too many: no surface is made from the image
+        return False
+    last = _pixel_sums.get(image.session_uid)
+    _pixel_sums[image.session_uid] = pixel_sum
+    return image.is_dirty if last is None else pixel_sum != last
 
 
 def has_edited_material(obj: bpy.types.Object) -> bool:
@@ -170,5 +201,5 @@ def unregister() -> None:
     from . import surfaces
 
     bpy.app.handlers.depsgraph_update_post.remove(on_update)
-    for state in (_waiting, surfaces.bake_s, shown_s, painted_images):
+    for state in (_waiting, surfaces.bake_s, shown_s, painted_images, _pixel_sums):
         state.clear()

@@ -37,6 +37,9 @@ def picture(tmp_path: Path) -> Path:
     return tmp_path / "panorama.png"
 
 
+@pytest.mark.skipif(
+    not bpy.app.build_options.audaspace, reason="this Blender is built without Audaspace"
+)
 def test_a_sound_starts_at_the_current_frame_and_playing_keeps_in_step(
     scene: Any, beep: Path
 ) -> None:

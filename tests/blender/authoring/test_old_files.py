@@ -23,6 +23,11 @@ from hfx_blender.engine.body.parts import PARTS, SIDES
 
 FIRST = Path(__file__).parents[1] / "old_files" / "first_version.blend"
 
+# Also files with one keyframed object and without the add-on; 4.2.23 opens them.
+can_open = pytest.mark.skipif(
+    bpy.app.version == (4, 2, 0), reason="Blender 4.2.0 crashes on actions of Blender 4.4 and later"
+)
+
 
 @pytest.fixture
 def first(registered: Any) -> Any:
@@ -30,6 +35,7 @@ def first(registered: Any) -> Any:
     return bpy.data.objects
 
 
+@can_open
 def test_what_the_first_version_saved_is_there(first: Any) -> None:
     fire, buzz, touch = first["Fire"].hfx, first["Buzz"].hfx, first["Touch"].hfx
     assert (fire.modality, fire.shape, fire.falloff) == ("temperature", "CAPSULE", "smooth")
@@ -44,6 +50,7 @@ def test_what_the_first_version_saved_is_there(first: Any) -> None:
     assert (clip.frame_start, clip.frame_end, clip.blend_in) == (5.0, 30.0, 12.5)
 
 
+@can_open
 def test_an_area_on_an_earlier_model_is_carried_over(first: Any) -> None:
     model = load_model("hfx-pressure-1")
     assert first["Touch"].hfx.model_hash == model.content_hash
@@ -55,6 +62,7 @@ def test_an_area_on_an_earlier_model_is_carried_over(first: Any) -> None:
     assert weights[left].mean() > 0.98 and weights[~palm].max() == 0.0
 
 
+@can_open
 def test_it_is_exported(first: Any, tmp_path: Path) -> None:
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end, scene.hfx.rate = 12, 17, 25.0
@@ -68,6 +76,7 @@ def test_it_is_exported(first: Any, tmp_path: Path) -> None:
     )
 
 
+@can_open
 def test_without_scipy_the_report_says_what_is_missing(
     registered: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

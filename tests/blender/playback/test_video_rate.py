@@ -67,7 +67,7 @@ def test_another_frame_rate_or_start_keeps_it_in_step(scene: Any, movie: Path) -
 
 
 @pytest.mark.skipif(
-    not bpy.app.build_options.audaspace, reason="the modules of Blender 4.2 play no sound"
+    not bpy.app.build_options.audaspace, reason="this Blender is built without Audaspace"
 )
 def test_its_sound_is_put_on_the_timeline(scene: Any, movie: Path) -> None:
     scene.render.fps = 30

@@ -163,27 +163,81 @@ def test_what_an_older_file_was_made_of_is_not_known_and_not_told(plane: Any) ->
     assert surface_updates.check() == []
 
 
-def test_blender_tells_of_edits_of_materials_and_images(plane: Any) -> None:
+@pytest.fixture
+def updates(registered: Any) -> Iterator[list[tuple[bool, bool]]]:
+    """Updates since the start: material, node tree or image; image."""
     messages: list[tuple[bool, bool]] = []
 
     def on_update(_scene: Any, graph: Any) -> None:
         messages.append((surface_updates.is_material_update(graph), graph.id_type_updated("IMAGE")))
         surface_updates.note_painted(graph)
 
+    bpy.app.handlers.depsgraph_update_post.append(on_update)
+    yield messages
+    bpy.app.handlers.depsgraph_update_post.remove(on_update)
+
+
+def _paint(image: Any, value: float) -> None:
+    """Change a pixel as a brush does: Blender marks the image as unsaved, and tags it."""
+    image.pixels[0] = value
+    image.update()
+    image.update_tag()
+    bpy.context.view_layer.update()
+
+
+def test_blender_tells_of_edits_of_materials_and_images(plane: Any, updates: Any) -> None:
     image = bpy.data.images.new("Paint", 8, 8)
     texture = _nodes(plane).new("ShaderNodeTexImage")
     texture.image = image
     bpy.context.view_layer.update()
-    bpy.app.handlers.depsgraph_update_post.append(on_update)
-    try:
-        plane.location.x += 1.0
-        bpy.context.view_layer.update()
-        assert messages and not any(matters for matters, _ in messages)
-        _another_value(plane)
-        bpy.context.view_layer.update()
-        assert messages[-1][0]
-        image.update_tag()
-        bpy.context.view_layer.update()
-        assert messages[-1] == (True, True) and image.name_full in surface_updates.painted_images
-    finally:
-        bpy.app.handlers.depsgraph_update_post.remove(on_update)
+    surfaces.make_maps(plane)
+    bpy.context.view_layer.update()
+    updates.clear()
+    plane.location.x += 1.0
+    bpy.context.view_layer.update()
+    assert updates and not any(matters for matters, _ in updates)
+    _another_value(plane)
+    bpy.context.view_layer.update()
+    assert updates[-1][0]
+    surfaces.make_maps(plane)
+    assert surface_updates.check() == []
+    _paint(image, 0.5)
+    assert updates[-1] == (True, True) and surface_updates.check() == [plane]
+
+
+def test_strokes_on_an_image_that_the_graph_lacks_are_noticed(
+    plane: Any, updates: Any, tmp_path: Path
+) -> None:
+    picture, other = bpy.data.images.new("Heights", 8, 8), bpy.data.images.new("Other", 8, 8)
+    settings = plane.hfx.surface
+    settings.source, settings.image_kind, settings.image = "IMAGE", "HEIGHT", picture
+    surfaces.make_maps(plane)
+    plane.hide_viewport = True  # in all versions, the graph has no objects hidden like this
+    bpy.context.view_layer.update()
+    for value in (0.5, 0.25):
+        _paint(picture, value)
+        assert surface_updates.check() == [plane]
+        assert surface_updates.check() == []
+    _paint(other, 0.5)  # used by no surface
+    assert surface_updates.check() == []
+    picture.filepath_raw, picture.file_format = str(tmp_path / "heights.png"), "PNG"
+    picture.save()
+    picture.update_tag()
+    bpy.context.view_layer.update()
+    surface_updates.check()  # eight bits of the file
+    copy = picture.copy()  # a file changed by another program
+    copy.filepath_raw = str(tmp_path / "heights.png")
+    copy.pixels[0] = 1.0
+    copy.save()
+    picture.reload()
+    bpy.context.view_layer.update()
+    assert not picture.is_dirty and surface_updates.check() == [plane]
+
+
+def test_an_image_without_pixels_is_no_painted_image(plane: Any, updates: Any) -> None:
+    settings, gone = plane.hfx.surface, bpy.data.images.new("Gone", 8, 8)
+    settings.source, settings.image_kind, settings.image = "IMAGE", "HEIGHT", gone
+    surfaces.make_maps(plane)
+    gone.source, gone.filepath = "FILE", "//missing.png"
+    surface_updates.painted_images.add("")
+    assert surface_updates.check() == []
