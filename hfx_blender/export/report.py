@@ -274,6 +274,7 @@ _OTHERWISE = {
     "frequency": "plays effect '{}' at another frequency",
     "limit": "cuts effect '{}' to an actuator's limits",
     "threshold": "plays effect '{}' below the detection threshold",
+    "step": "is silent during effect '{}', which is weaker than the first allowed value,",
 }
 
 

@@ -9,13 +9,13 @@ import zipfile
 from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from hfx_blender.engine.arrays import NPZ_DAMAGE
-from hfx_blender.engine.rendering.raster import Column, FeltStream, Raster, Shortfall
+from hfx_blender.engine.rendering.raster import Column, FeltStream, Raster, Reason, Shortfall
 from hfx_blender.engine.samples import Stream
 from hfx_blender.errors import InputError
 from hfx_blender.files import limits
@@ -46,9 +46,7 @@ _DOCUMENT = strict(
                     "effect_id": _TEXT,
                     "body_id": _TEXT,
                     "modality": _TEXT,
-                    "reason": Text(
-                        ("modality", "place", "device", "frequency", "limit", "threshold")
-                    ),
+                    "reason": Text(get_args(Reason)),
                     "samples": Number(0, is_whole=True),
                     "share": Number(),
                     "seconds": Number(),

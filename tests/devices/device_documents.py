@@ -164,6 +164,17 @@ THERMAL = FULL["actuator_types"]["peltier"] | {
     "maximum_on_s": 5,
     "rest_s": 2,
 }
+
+
+def stepped(kind: dict[str, Any]) -> dict[str, Any]:
+    """Return a type with a list of allowed values, ends and neutral, for each parameter."""
+    kind = copy.deepcopy(kind)
+    for parameter in kind["parameters"].values():
+        ends = parameter["minimum"], parameter["maximum"], parameter.get("neutral", 0)
+        parameter["values"] = sorted(set(ends))
+    return kind
+
+
 UNITS = {"vibration": "m/s^2", "pressure": "kPa", "temperature": "degC", "wind": "m/s"}
 PAD = {
     "mount": {"origin_m": [0, 0.1, 1.2], "x_axis": [1, 0, 0], "y_axis": [0, 0, 1]},
@@ -217,6 +228,8 @@ def documents(outputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
     actual["waveforms"] = with_types(
         *(VIBRATION | {"takes_waveform": True, "waveform": w} for w in ("noise", "square", "sine"))
     )
+    kinds = ({**kind, "limits": {}} for kind in (VIBRATION, THERMAL, *OTHERS))
+    actual["values"] = with_types(*map(stepped, kinds))
     actual["pad"] = changed(**PAD)
     actual["bent pad"] = changed(**BENT)
     actual |= {f"scheme {scheme['scheme']}": changed(rendering=scheme) for scheme in SCHEMES}

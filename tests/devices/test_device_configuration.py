@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Reading device configurations: accepted fields, and a wrong value in every field."""
 
+import copy
 import json
 from pathlib import Path
 from typing import Any
@@ -154,6 +155,10 @@ SEEN_BY_BOTH = [
     (f"{MOTOR}/parameters/amplitude_m_s2/unit", "g"),
     (f"{MOTOR}/parameters/amplitude_m_s2/unit", REMOVE),
     (f"{MOTOR}/parameters/amplitude_m_s2/minimum", 1),
+    (f"{MOTOR}/parameters/amplitude_m_s2/values", []),
+    (f"{MOTOR}/parameters/amplitude_m_s2/values", 5),
+    (f"{MOTOR}/parameters/amplitude_m_s2/values", [0, "5"]),
+    ("actuator_types/lra/parameters/frequency_hz/values", [175]),
     (f"{MOTOR}/parameters/amplitude_m_s2/minimum", -1),
     (f"{MOTOR}/parameters/amplitude_m_s2/maximum", -1),
     (f"{MOTOR}/parameters/amplitude_m_s2/maximum", 1e6),
@@ -295,6 +300,51 @@ def test_each_field_wrong_in_turn(full, stored, path, value):
     assert any(key in message for key in keys[-2:])
     assert faults_of(file) == [message]
     assert VALIDATOR.is_valid(document) == ((path, value) in SEEN_BY_THE_READER)
+
+
+def test_allowed_values_within_limits(full, stored):
+    motor = full["actuator_types"]["motor"]
+    motor["parameters"]["amplitude_m_s2"]["values"] = [0, 5, 12, 15]
+    motor["parameters"]["frequency_hz"] |= {"values": [80, 175]}
+    amplitude, frequency = load_device(stored(full)).actuator_types["motor"].controls
+    assert amplitude.values == (0, 5, 12)  # the limit is 12
+    assert frequency.values == (80, 175) and frequency.neutral == 80
+    # The default neutral frequency of 100 Hz is not allowed: the next one below.
+    del motor["parameters"]["frequency_hz"]["neutral"]
+    assert load_device(stored(full)).actuator_types["motor"].controls[1].neutral == 80
+    motor["parameters"]["frequency_hz"]["values"] = [175]
+    assert load_device(stored(full)).actuator_types["motor"].controls[1].neutral == 175
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "values", "allowed"),
+    [
+        ("motor", "amplitude_m_s2", [5, 12], "a list with 0, the neutral value"),
+        ("motor", "amplitude_m_s2", [0, 16], "a number from 0 to 15 m/s^2"),
+        ("motor", "frequency_hz", [100, 175], "a list with 80, the neutral value"),
+        ("motor", "frequency_hz", [50, 80], "a number from 60 to 250 Hz"),
+        ("peltier", "temperature_c", [20, 38], "a list with 33, the neutral value"),
+        ("peltier", "temperature_c", [41, 45], "a list with a value from 15 to 40 degC"),
+        ("peltier", "temperature_c", [33, 33], "a number above 33"),
+    ],
+)
+def test_allowed_values_that_are_refused(full, stored, kind, name, values, allowed):
+    full["actuator_types"][kind]["parameters"][name]["values"] = values
+    file = stored(full)
+    (message,) = check(file)
+    assert message.startswith(f"{file}: actuator_types.{kind}.parameters.{name}.values")
+    assert allowed in message
+
+
+def test_actuators_that_take_a_waveform_have_no_allowed_values(full, stored):
+    motor = full["actuator_types"]["motor"]
+    motor["takes_waveform"] = True
+    for name, values in (("amplitude_m_s2", [0, 15]), ("frequency_hz", [80])):
+        document = copy.deepcopy(full)
+        document["actuator_types"]["motor"]["parameters"][name]["values"] = values
+        (message,) = check(stored(document))
+        assert f"parameters.{name}.values is {values}" in message
+        assert "actuators that take a waveform have a range only" in message
 
 
 def test_a_type_of_actuators_has_a_name_like_any_other(full, stored):

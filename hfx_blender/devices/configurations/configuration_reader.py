@@ -166,7 +166,8 @@ def _drive(node: Node) -> tuple[DriveCurve, ...]:
 def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorControl:
     """Control of an actuator type for a parameter: range, limits and neutral value. Limits lie
     within the range, and below the modality's maximum for devices. The default of the neutral value
-    is that of the modality, clipped to the limits. InputError for values outside."""
+    is that of the modality, clipped to the limits. InputError for values outside, or for a list
+    of allowed values without the neutral value."""
     node = kind["parameters"][known.name]
     if "fixed" in node:
         minimum = maximum = node.number("fixed")
@@ -192,7 +193,28 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorContro
     if "neutral" in node:
         node["neutral"].hold(Number(lowest, highest, known.unit))
         neutral = node.number("neutral")
-    return ActuatorControl(known.name, minimum, maximum, lowest, highest, neutral)
+    if "values" not in node:
+        return ActuatorControl(known.name, minimum, maximum, lowest, highest, neutral)
+    values = _allowed_values(node["values"], kind, Number(minimum, maximum, known.unit))
+    values = tuple(value for value in values if lowest <= value <= highest)
+    if not values:
+        node["values"].fail(f"a list with a value from {lowest:g} to {highest:g} {known.unit}")
+    # The neutral frequency is not heard, so its default may move; silence of a strength may not.
+    if "neutral" not in node and known.name != modality.strength:
+        neutral = max((value for value in values if value <= neutral), default=values[0])
+    if neutral not in values:
+        node["values"].fail(f"a list with {neutral:g}, the neutral value")
+    return ActuatorControl(known.name, minimum, maximum, lowest, highest, neutral, values)
+
+
+def _allowed_values(node: Node, kind: Node, in_range: Number) -> tuple[float, ...]:
+    """Read the allowed values of a parameter, ascending. InputError for a value out of the range,
+    and for actuators that take a waveform, whose samples lie between any values."""
+    if kind.get("takes_waveform", False):
+        node.fail("no list: actuators that take a waveform have a range only")
+    for item in node.items():
+        item.hold(in_range)
+    return tuple(float(value) for value in node.value)
 
 
 def _substitution(source: str, node: Node, types: list[ActuatorType]) -> Substitution:

@@ -37,6 +37,8 @@ SCHEMA: Final = "hfx-device"
 VERSION: Final = 1
 
 MAX_ACTUATORS: Final = 1000
+MAX_VALUES: Final = 256
+"""Largest number of allowed values of a parameter."""
 WEARABLE_SIDES: Final = ("left", "right")
 
 BAUDS: Final = (9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000, 921600, 1000000)
@@ -100,19 +102,26 @@ RENDERING: Final = tagged(
 
 
 def _range(modality: Modality, parameter: Parameter) -> Shape:
-    """JSON shape of an actuator's range of a parameter: unit, minimum, maximum, optional neutral,
-    within the range of the modality.
+    """JSON shape of an actuator's range of a parameter: unit, minimum, maximum, optional neutral
+    and allowed values, within the range of the modality.
     A strength that is silent at 0 has minimum and neutral 0; of other strengths both are at most
     the device maximum. A parameter that is no strength may have a fixed value instead.
     """
     value = Number(parameter.minimum, parameter.maximum, parameter.unit)
     unit = Text((parameter.unit,))
+    values = Items(value, 1, MAX_VALUES, order="ascending")
     if parameter.name != modality.strength:
-        range_ = strict({"unit": unit, "minimum": value, "maximum": value}, {"neutral": value})
+        range_ = strict(
+            {"unit": unit, "minimum": value, "maximum": value},
+            {"neutral": value, "values": values},
+        )
         return Either("fixed", strict({"unit": unit, "fixed": value}), range_)
     if modality.is_silent_at_0:
         silent = Number(0, 0, note="0, at which the actuator is silent")
-        return strict({"unit": unit, "minimum": silent, "maximum": value}, {"neutral": silent})
+        return strict(
+            {"unit": unit, "minimum": silent, "maximum": value},
+            {"neutral": silent, "values": values},
+        )
     # Not silent at 0, as a temperature: any value up to the hottest allowed may be neutral.
     highest = f"{parameter.device_maximum:g} {parameter.unit}, the hottest allowed"
     low = Number(
@@ -120,7 +129,9 @@ def _range(modality: Modality, parameter: Parameter) -> Shape:
         parameter.device_maximum,
         note=f"a number from {parameter.minimum:g} to {highest}",
     )
-    return strict({"unit": unit, "minimum": low, "maximum": value}, {"neutral": low})
+    return strict(
+        {"unit": unit, "minimum": low, "maximum": value}, {"neutral": low, "values": values}
+    )
 
 
 _TIMING: Final[Mapping[str, Shape]] = {

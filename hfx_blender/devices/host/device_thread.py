@@ -503,8 +503,8 @@ class DeviceThread:
 
     def _with_pulse(self, values: F64, now: float) -> F64:
         """Copy of values (columns,) with an actuator's strength replaced by the test pulse: a Hann
-        window of 0.3 s with a peak of 30 % of the actuator's range. Returns ``values`` themselves
-        without a pulse, or after its end, which clears the pulse."""
+        window of 0.3 s with a peak of 30 % of the actuator's range, or its first allowed value.
+        Returns ``values`` themselves without a pulse, or after its end, which clears the pulse."""
         if self.test_pulse is None:
             return values
         actuator, began_s = self.test_pulse
@@ -519,8 +519,12 @@ class DeviceThread:
         if reach <= 0.0:
             reach = strength.lowest - strength.neutral
         envelope = 0.5 - 0.5 * math.cos(2.0 * math.pi * share)  # Hann window
+        peak = PULSE_SHARE * envelope * reach
+        # Of a coarse actuator the first step, as the guard would round a weaker pulse to silence.
+        steps = [value - strength.neutral for value in strength.values]
+        first = min((step for step in steps if step * reach > 0.0), key=abs, default=0.0)
         values = values.copy()
-        values[column] = strength.neutral + PULSE_SHARE * envelope * reach
+        values[column] = strength.neutral + max(peak, first, key=abs)
         return values
 
     def _report_levels(self, values: F64, now: float) -> None:

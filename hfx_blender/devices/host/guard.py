@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Guard: limits on all values of a device, the last step before values are encoded as bytes.
 
-Order: real, finite numbers (else the actuator is silent), range, slew rate (rises only), time on.
+Order: real, finite numbers (else the actuator is silent), range, slew rate (rises only), allowed
+values, time on.
 All values of scripts and of the engine pass through here.
 """
 
@@ -43,7 +44,7 @@ class Guard:
 
     def reset(self) -> None:
         """Set the last strengths to silence, and begin a use of the duty budgets; loads stay."""
-        self._given = self._silent[:, 0].copy()  # (A,) last strengths
+        self._given = self._silent[:, 0].copy()  # (A,) last strengths before rounding
         self.time_on.begin()
 
     def limited(self, wanted: Sequence[float] | F64 | None, step_s: float) -> F64:
@@ -72,8 +73,11 @@ class Guard:
         is_slow = np.abs(after) <= most
         limited = silent + np.sign(after) * np.where(is_slow, 0.0, most)
         safe[:, 0] = np.where(is_slow, safe[:, 0], limited)
+        # Rises go on from the strength before rounding: a step may be higher than one rise.
+        given = safe[:, 0].copy()
+        safe = self._limits.rounded(safe)
         # Time on comes last: only strengths that are really sent are charged.
         is_blocked = self.time_on.blocked(safe[:, 0] != silent, step_s)
         safe[is_blocked] = self._silent[is_blocked]
-        self._given = safe[:, 0].copy()
+        self._given = np.where(is_blocked, silent, given)
         return self._limits.joined(safe)

@@ -46,6 +46,7 @@ class ActuatorControl:
     lowest: float  # allowed range: that of the hardware within configured limits
     highest: float
     neutral: float  # value in silence
+    values: tuple[float, ...] = ()  # allowed values within limits, ascending; (): all
 
     @property
     def reach(self) -> float:
@@ -75,6 +76,11 @@ class ActuatorType:
     def strength(self) -> ActuatorControl:
         """First control: the modality's strength."""
         return self.controls[0]
+
+    @property
+    def is_stepped(self) -> bool:
+        """True if a parameter has a list of allowed values."""
+        return any(control.values for control in self.controls)
 
     def unit(self, control: ActuatorControl) -> str:
         """Unit of a control's parameter, such as "m/s^2"."""

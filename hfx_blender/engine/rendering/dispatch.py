@@ -17,6 +17,7 @@ from ..body.model import PerceptualModel
 from ..samples import SampleRun
 from ..track.header import TrackHeader
 from .actuator_vertices import on_parts
+from .conditioning.actuator_limits import rounded
 from .coverage import ActuatorCells
 from .device_config import DeviceConfig, RoomPlace
 from .room import PlaySpace, has_place, room_gains
@@ -55,6 +56,17 @@ class ActuatorGroup:
         self.neutral: F64 = np.array([control.neutral for control in strengths], np.float64)
         self.lowest: F64 = np.array([control.lowest for control in strengths], np.float64)
         self.highest: F64 = np.array([control.highest for control in strengths], np.float64)
+
+    def is_rounded_away(self, strengths: F64) -> Bool:
+        """Mask (R, A) of strengths other than neutral that allowed values round to neutral."""
+        is_away = np.zeros(strengths.shape, np.bool_)
+        for k, actuator in enumerate(self._actuators):
+            strength = actuator.type.strength
+            if strength.values:
+                within = np.clip(strengths[:, k : k + 1], strength.lowest, strength.highest)
+                is_neutral = rounded(within, actuator.type) == strength.neutral
+                is_away[:, k] = (is_neutral & (within != strength.neutral))[:, 0]
+        return is_away
 
     def renders(self, modality: str) -> bool:
         """Test that the actuators show a modality, their own or by substitution."""

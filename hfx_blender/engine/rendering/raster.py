@@ -18,11 +18,12 @@ from ..samples import Stream
 from .conditioning.frequency import Partial
 from .device_config import DeviceConfig
 
-Reason = Literal["modality", "place", "device", "frequency", "limit", "threshold"]
+Reason = Literal["modality", "place", "device", "frequency", "limit", "threshold", "step"]
 """Reason of a shortfall. ``modality``: neither an actuator for the modality, nor a substitution;
 ``place``: no actuator at the place; ``device``: the effect drives actuators of another device;
 ``frequency``: outside the actuators' range, the nearest frequency is played; ``limit``: cut to the
-actuator's limit; ``threshold``: below the detection threshold at every actuator."""
+actuator's limit; ``threshold``: below the detection threshold at every actuator;
+``step``: below the first allowed value at every actuator, which is then silent."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,14 @@ from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
 from ..surface.surface_drive import SurfaceDrives
 from ..track.header import TrackHeader
-from .conditioning.actuator_limits import DeviceLimits, advanced, held, limited, rows_of
+from .conditioning.actuator_limits import (
+    DeviceLimits,
+    advanced,
+    held,
+    limited,
+    rounded,
+    rows_of,
+)
 from .conditioning.frequency import Partial, Partials, StrongestContributor
 from .conditioning.mixing import Contribution, Mixed, merged, mix, substituted
 from .device_config import ActuatorType, DeviceConfig
@@ -44,6 +51,7 @@ class _Outcome:
     is_off: Bool  # (n,) frequency out of range
     is_over: Bool  # (n,) cut by a limit
     is_faint: Bool  # (n,) below the detection threshold
+    is_small: Bool  # (n,) below the first allowed value
 
 
 @dataclass(eq=False)
@@ -134,7 +142,7 @@ class Renderer:
             neutral = self._neutral_c(run.stream) if is_heat else 0.0
             strengths = run.levels * np.abs(run.parameters[:, 0] - neutral)
             strengths[~has_strength(run, self._effects[run.stream.effect_id].is_contact)] = 0.0
-            masks = np.zeros((4, len(run)), np.bool_)
+            masks = np.zeros((5, len(run)), np.bool_)
             outcomes.append(_Outcome(run.indices, strengths, *masks))
         for group in self.groups:
             shares = [
@@ -144,13 +152,15 @@ class Renderer:
             ]
             if not shares:
                 continue
-            is_cut = self._write(group, rows, self._mixed(group, shares, rows))
+            is_cut, is_lost = self._write(group, rows, self._mixed(group, shares, rows))
             # A sample counts as rendered if any actuator of any group responds.
             for share in shares:
                 fires, outcome = share.gains > 0.0, share.outcome
                 outcome.is_rendered |= fires.any(axis=1)
                 outcome.is_off |= group.is_off_frequency(share.run, fires)
                 outcome.is_over |= (fires & is_cut[share.positions]).any(axis=1)
+                is_lost_here = is_lost[share.positions]
+                outcome.is_small |= fires.any(axis=1) & ~(fires & ~is_lost_here).any(axis=1)
                 outcome.is_faint |= group.is_faint(share.run, self._device.gain * share.gains)
         for run, outcome in zip(runs, outcomes, strict=True):
             self._missing.add(run)
@@ -248,9 +258,9 @@ class Renderer:
         parameters[share.positions] = run.parameters
         return Contribution(strengths, parameters, self._neutral_c(run.stream))
 
-    def _write(self, group: ActuatorGroup, rows: I64, mixed: Mixed) -> Bool:
-        """Write neutral plus gain times strengths; returns the mask (R, A) out of limits. Silence
-        keeps the neutral frequency."""
+    def _write(self, group: ActuatorGroup, rows: I64, mixed: Mixed) -> tuple[Bool, Bool]:
+        """Write neutral plus gain times strengths; returns masks (R, A) out of limits, and rounded
+        to silence. Silence keeps the neutral frequency."""
         strengths = group.neutral + self._device.gain * mixed.strengths
         self._values[rows[:, None], group.strength_columns] = strengths
         if mixed.frequencies_hz is not None:
@@ -259,7 +269,8 @@ class Renderer:
             is_silent = mixed.strengths == 0.0
             frequencies = np.where(is_silent, self._neutral[columns], mixed.frequencies_hz)
             self._values[rows[:, None], columns] = frequencies
-        return np.asarray((strengths < group.lowest) | (strengths > group.highest))
+        is_cut = np.asarray((strengths < group.lowest) | (strengths > group.highest))
+        return is_cut, group.is_rounded_away(strengths)
 
     def first_row(self) -> F64:
         """Values (columns,) of the first row within limits, without latency or holding."""
@@ -358,9 +369,11 @@ class Renderer:
         return limited(values, self._lowest[part], self._highest[part], self._neutral[part])
 
     def _held(self, values: F64, part: slice, kind: ActuatorType) -> F64:
-        """Values (T, P) sent to an actuator: held between updates, then clipped to its limits."""
+        """Values (T, P) sent to an actuator: held between updates, clipped to its limits, and
+        rounded to allowed values."""
         rate_hz, interval_ms = self._header.time.rate_hz, kind.update_interval_ms
-        return self._limited(held(values, self._neutral[part], rate_hz, interval_ms), part)
+        values = held(values, self._neutral[part], rate_hz, interval_ms)
+        return rounded(self._limited(values, part), kind)
 
     def _changes(self, without: F64) -> tuple[Bool, Bool]:
         """Masks (T,) of rows changed by a script from ``without``, and of rows with any strength.
@@ -392,9 +405,9 @@ class Renderer:
         )
 
     def _shortfalls(self, felt: Iterable[FeltStream]) -> Iterator[Shortfall]:
-        """Yield, per stream and reason, the number of samples not rendered, off frequency, limited
-        or below threshold, if above 0; with seconds and the share. Only samples with strength
-        count."""
+        """Yield, per stream and reason, the number of samples not rendered, off frequency,
+        limited, below threshold or below the first allowed value, if above 0; with seconds and the
+        share. Only samples with strength count."""
         for rendered in felt:
             stream, outcomes = rendered.stream, self._outcomes[rendered.stream]
             is_strong = rendered.strengths > 0.0
@@ -414,6 +427,7 @@ class Renderer:
                 "frequency": [outcome.is_off for outcome in outcomes],
                 "limit": [outcome.is_over for outcome in outcomes],
                 "threshold": [outcome.is_faint for outcome in outcomes],
+                "step": [outcome.is_small for outcome in outcomes],
             }
             for reason, masks in losses.items():
                 samples = int(np.count_nonzero(np.concatenate(masks) & is_strong))

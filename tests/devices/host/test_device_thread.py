@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -189,6 +191,24 @@ def test_a_pulse_is_soft_short_and_of_one_actuator(played: Playing) -> None:
     strengths = np.array([block[::2] for block in played.output.loud()])
     assert np.flatnonzero(strengths.any(axis=0)).tolist() == [2]
     assert 0.5 * PULSE_SHARE * 15.0 < strengths.max() <= PULSE_SHARE * 15.0
+
+
+def test_a_pulse_of_an_actuator_that_is_on_or_off_is_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    actuator = DEVICE.actuators[2]
+    strength = replace(actuator.type.strength, values=(0.0, 15.0))
+    kind = replace(actuator.type, controls=(strength, *actuator.type.controls[1:]))
+    actuators = list(DEVICE.actuators)
+    actuators[2] = replace(actuator, type=kind)
+    monkeypatch.setattr(sys.modules[__name__], "DEVICE", replace(DEVICE, actuators=(*actuators,)))
+    played = Playing()
+    try:
+        played.thread.pulse(2)
+        played.until(played.output.loud)
+        played.until(lambda: not played.output.given[-1][::2].any())
+        assert {block[4] for block in played.output.loud()} == {15.0}
+    finally:
+        played.thread.close("enough")
+        played.thread.wait_closed()
 
 
 def test_a_closed_thread_has_stopped_first(played: Playing) -> None:

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Limits of actuators: range, latency and update interval."""
+"""Limits of actuators: range, allowed values, latency and update interval."""
 
 from __future__ import annotations
 
 from fractions import Fraction
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ...arrays import F64, I64
-from ..device_config import DeviceConfig
+from ..device_config import ActuatorType, DeviceConfig
+
+_ROUNDING: Final = 1e-6
+"""Share by which a value may miss an allowed value: weights are of single precision."""
 
 
 def limited(
@@ -25,6 +29,30 @@ def limited(
     # Before clipping, as a minimum or maximum alone would turn NaN or infinity into full power.
     is_number = np.isfinite(values).all(axis=-1, keepdims=True)
     return np.clip(np.where(is_number, values, silent), lowest, highest)
+
+
+def rounded(values: F64, kind: ActuatorType) -> F64:
+    """Round finite values (..., P) within limits to allowed values; itself where all are allowed.
+
+    A strength is rounded towards neutral, a frequency down, or to the lowest allowed frequency.
+    With P = 1 ``values`` are strengths alone.
+    """
+    if not kind.is_stepped:
+        return values
+    values = values.copy()
+    for column, control in enumerate(kind.controls[: values.shape[-1]]):
+        if not control.values:
+            continue
+        allowed, wanted = np.array(control.values), values[..., column]
+        margins = _ROUNDING * np.abs(allowed)
+        below = np.searchsorted(allowed - margins, wanted, side="right") - 1
+        down = allowed[np.maximum(below, 0)]
+        if column == 0:  # a strength below neutral, as of cooling
+            above = np.searchsorted(allowed + margins, wanted, side="left")
+            up = allowed[np.minimum(above, len(allowed) - 1)]
+            down = np.where(wanted < control.neutral, up, down)
+        values[..., column] = down
+    return values
 
 
 class DeviceLimits:
@@ -47,10 +75,19 @@ class DeviceLimits:
         self._lowest = np.array([c.lowest for c in controls], np.float64)[self._columns]
         self._highest = np.array([c.highest for c in controls], np.float64)[self._columns]
         self.silent: F64 = self.neutral[self._columns]
+        self._stepped = [(k, kind) for k, kind in enumerate(kinds) if kind.is_stepped]
 
     def by_actuator(self, values: F64) -> F64:
         """Values (columns,) as (A, P), limited; fewer controls than P repeat the strength."""
         return limited(values[self._columns], self._lowest, self._highest, self.silent)
+
+    def rounded(self, values: F64) -> F64:
+        """Copy of limited values (A, P) of all actuators, rounded to allowed values."""
+        values = values.copy()
+        for k, kind in self._stepped:
+            part = slice(len(kind.controls))
+            values[k, part] = rounded(values[k, part], kind)
+        return values
 
     def joined(self, values: F64) -> F64:
         """New array (columns,) of values (A, P): P parameters of each of A actuators. Actuators
