@@ -331,7 +331,7 @@ def test_allowed_values_within_limits(full, stored):
 def test_allowed_values_that_are_refused(full, stored, kind, name, values, allowed):
     full["actuator_types"][kind]["parameters"][name]["values"] = values
     file = stored(full)
-    (message,) = check(file)
+    (message,) = faults_of(file)
     assert message.startswith(f"{file}: actuator_types.{kind}.parameters.{name}.values")
     assert allowed in message
 
@@ -342,7 +342,7 @@ def test_actuators_that_take_a_waveform_have_no_allowed_values(full, stored):
     for name, values in (("amplitude_m_s2", [0, 15]), ("frequency_hz", [80])):
         document = copy.deepcopy(full)
         document["actuator_types"]["motor"]["parameters"][name]["values"] = values
-        (message,) = check(stored(document))
+        (message,) = faults_of(stored(document))
         assert f"parameters.{name}.values is {values}" in message
         assert "actuators that take a waveform have a range only" in message
 

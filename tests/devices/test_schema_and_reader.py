@@ -226,6 +226,7 @@ READER_ONLY = re.compile(
     r"|\.(parameters|limits)\..*, allowed is a number from "
     "|not silent at its minimum|actuators at most|once round is|of a private network"
     "|for all actuators|no other output has|next to 'output'"
+    "|allowed is a list with|have a range only"
 )
 """What the reader says of faults that a schema cannot see."""
 
