@@ -221,6 +221,7 @@ class HFX_OT_move_to_body(OnBodyOperator):
             moved = effects.effects_of(context.scene)
         if any(painting.canvas_of(effect) is not None for effect in moved):
             raise InputError("Finish painting first.")
+        effects.check_editable(moved)
         return f"Moved {effects.move_to_body(moved, body)} effects to '{body.name}'"
 
 

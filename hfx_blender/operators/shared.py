@@ -164,6 +164,18 @@ IS_EDITABLE: Requirement = (
 )
 
 
+ARE_TARGETS_EDITABLE: Requirement = (
+    lambda context: (
+        not any(
+            effects.is_locked(target)
+            for target in context.selected_objects
+            if target.hfx.role == "EFFECT" and target != context.object
+        )
+    ),
+    "A selected effect belongs to a linked file. Press Make Editable first",
+)
+
+
 class OnBodyOperator(HfxOperator):
     """Base of operators that add an object to a haptic body."""
 

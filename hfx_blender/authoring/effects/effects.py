@@ -135,6 +135,15 @@ def is_locked(effect: bpy.types.Object) -> bool:
     return effect.library is not None or (override is not None and override.is_system_override)
 
 
+def check_editable(objects: Iterable[bpy.types.Object]) -> None:
+    """Raise InputError for the first locked effect, as Blender does not save its changes."""
+    for effect in objects:
+        if is_locked(effect):
+            raise InputError(
+                f"'{effect.name}' belongs to a linked file. Press Make Editable first."
+            )
+
+
 def muted_effects(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
     """Muted effects, and effects that are not solo if another given effect is."""
     objects = list(objects)
@@ -217,9 +226,12 @@ def add_on_body(
 
 def duplicate(effect: bpy.types.Object) -> bpy.types.Object:
     """Copy an effect with a new id and copied actions into its local collections, or into ``HFX
-    Effects`` of the current scene without any. The clips of the copy are the only selected ones."""
+    Effects`` of the current scene without any. The copy is local, also that of a linked effect. The
+    clips of the copy are the only selected ones."""
     clips.deselect_all()
     copy = effect.copy()
+    if copy.override_library is not None:
+        copy.make_local(clear_liboverride=True)  # an override does not store a painted area
     copy.hfx.uid = uuid.uuid4().hex
     if copy.animation_data is not None:
         # Object.copy() shares the actions: an edited clip would change on both effects.

@@ -15,7 +15,13 @@ from ...blender.translation import translated
 from ...errors import InputError
 from ...text import shortened
 from .. import framing
-from ..shared import IS_EDITABLE, HfxOperator, active_effect, painted_effect
+from ..shared import (
+    ARE_TARGETS_EDITABLE,
+    IS_EDITABLE,
+    HfxOperator,
+    active_effect,
+    painted_effect,
+)
 
 
 class _OfEffect(HfxOperator):
@@ -159,6 +165,7 @@ class HFX_OT_add_heartbeat(_ClipOperator):
 
     last_field = "beats_per_minute"
 
+    duration: _seconds("duration", 2.0, 0.001)  # two beats at least, at rest
     beats_per_minute: FloatProperty(
         name="Beats per Minute",
         description="Rate of the heart; at rest it is 60 to 100",
@@ -240,7 +247,7 @@ class HFX_OT_copy_clips(_OfEffect):
     """Copy the clips of the active effect to the other selected effects"""
 
     bl_label = "Copy Clips to Selected"
-    requires = _OfEffect.requires[:1]
+    requires = (*_OfEffect.requires[:1], ARE_TARGETS_EDITABLE)
     adds_clips = True
 
     def work(self, context: bpy.types.Context) -> str:

@@ -166,7 +166,7 @@ class HFX_OT_add_painted(OnBodyOperator):
 
 
 class HFX_OT_make_editable(HfxOperator):
-    """Let settings, area and clips of an effect of a linked file be changed in this file"""
+    """Let settings and clips of an effect of a linked file be changed in this file"""
 
     bl_label = "Make Editable"
     requires = (

@@ -40,6 +40,7 @@ class _ManyEffects(HfxOperator):
             listed = [effect for effect in listed if own & set(effect.users_collection)]
         if not listed:
             raise InputError("This scope has no effects; select some, or choose another scope.")
+        effects.check_editable(listed)
         return listed
 
 
@@ -113,9 +114,7 @@ class HFX_OT_remove_effects(_SelectedEffects):
 
     def work(self, context: bpy.types.Context) -> str:
         chosen = swarms.selected_effects(context.scene)
-        for effect in chosen:
-            if effects.is_locked(effect):
-                raise InputError(f"'{effect.name}' belongs to a linked file.")
+        effects.check_editable(chosen)
         bpy.data.batch_remove(chosen)
         return f"Deleted {len(chosen)} {'effect' if len(chosen) == 1 else 'effects'}"
 
@@ -140,10 +139,11 @@ class HFX_OT_move_to_group(_SelectedEffects):
     group: EnumProperty(name="Group", description="Group of the effects", items=_groups)
 
     def work(self, context: bpy.types.Context) -> None:
-        name = self.group.removeprefix("TO ")
+        chosen, name = swarms.selected_effects(context.scene), self.group.removeprefix("TO ")
+        effects.check_editable(chosen)
         if name == self.group:
             name = effects.free_group(context.scene, "Group") if name == "NEW" else ""
-        effects.set_group(context.scene, swarms.selected_effects(context.scene), name)
+        effects.set_group(context.scene, chosen, name)
 
 
 class HFX_OT_add_rain(OnBodyOperator):

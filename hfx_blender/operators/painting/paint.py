@@ -18,6 +18,7 @@ from ...engine.modality import MODALITY_ITEMS
 from ...errors import InputError
 from .. import framing
 from ..shared import (
+    ARE_TARGETS_EDITABLE,
     IS_EDITABLE,
     EnumItems,
     HfxOperator,
@@ -44,11 +45,17 @@ _BLEND_TIP = "Combination of the new area with the old area"
 
 _ON_PAINTED: Requirement = painted_effect, "Select a painted effect"
 
+# A library override stores no ID properties, such as a painted area, as these have no fixed size.
+_IS_AREA_LOCAL: Requirement = (
+    lambda context: painted_effect(context).override_library is None,
+    "The area belongs to a linked file. Choose Object > Relations > Make Local first",
+)
+
 
 class _PaintedOperator(HfxOperator):
     """Base of operators that change the active painted effect, during painting or not."""
 
-    requires = (_ON_PAINTED, IS_EDITABLE)
+    requires = (_ON_PAINTED, IS_EDITABLE, _IS_AREA_LOCAL)
 
 
 def _covers(effect: bpy.types.Object, count: int) -> str:
@@ -411,7 +418,7 @@ class HFX_OT_area_copy(_PaintedOperator):
     """Copy the area of the active effect to the other selected painted effects of any modality"""
 
     bl_label = "Copy Area to Selected"
-    requires = (_ON_PAINTED,)
+    requires = (_ON_PAINTED, ARE_TARGETS_EDITABLE)
 
     blend: EnumProperty(name="Blend", description=_BLEND_TIP, items=BLENDS)
 
@@ -426,6 +433,12 @@ class HFX_OT_area_copy(_PaintedOperator):
         ]
         if not others:
             raise InputError("Select the target painted effects first, and this effect last.")
+        for effect in others:
+            if effect.override_library is not None:
+                raise InputError(
+                    f"The area of '{effect.name}' belongs to a linked file. Choose Object > "
+                    "Relations > Make Local first."
+                )
         weights = painting.weights_of(source)
         for effect in others:
             # Effects of another modality have a model with other vertices.
@@ -446,6 +459,7 @@ class HFX_OT_area_keep(_PaintedOperator):
             "The area was painted for this modality",
         ),
         IS_EDITABLE,
+        _IS_AREA_LOCAL,
     )
 
     def work(self, context: bpy.types.Context) -> str:

@@ -112,7 +112,10 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
         if not listed:
             layout.menu("HFX_MT_add", text="Add", text_ctxt="HFX", icon="ADD")
         elif has_body:
-            draw_paint_menu(layout)
+            row = layout.row(align=True)
+            draw_paint_menu(row)
+            # The panel of exports is below the clips, often out of view.
+            row.operator("hfx.export", text="Export", icon="EXPORT")
 
 
 class HFX_PT_clips(HfxPanel, bpy.types.Panel):
@@ -141,6 +144,7 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         rows = zip(strips, context.window_manager.hfx_clips, strict=False)
         for number, ((_, strip), times) in enumerate(rows):
             box = layout.box()
+            box.enabled = not effects.is_locked(effect)
             _draw_clip(box, strip, times, clip_waveforms.icon(context, effect, strip, number))
             outside = clips.outside_scene(context.scene, strip)
             if outside is not None:

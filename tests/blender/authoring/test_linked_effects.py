@@ -180,3 +180,124 @@ def test_a_linked_effect_without_its_body_is_left_out_with_one_warning(
         "2 effects were left out, as each belongs to body 'Avatar', which is not"
     )
     assert felt() == {"Ball"}
+
+
+@pytest.fixture
+def painted_library(scene: Any, tmp_path: Path) -> Path:
+    """A file with two painted effects of a left palm, each with a clip."""
+    bpy.ops.hfx.add_avatar()
+    for name in ("Touch", "Squeeze"):
+        bpy.ops.hfx.add_painted(modality="pressure", name=name)
+        bpy.ops.hfx.fill_part(part="hand_palm", side="left")
+        bpy.ops.hfx.add_clip(start=5.0)
+    path = tmp_path / "touch.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.hfx.add_avatar()
+    return path
+
+
+def select(active: Any, *others: Any) -> None:
+    for item in bpy.context.view_layer.objects:
+        item.select_set(item == active or item in others)
+    bpy.context.view_layer.objects.active = active
+
+
+def own_effect() -> Any:
+    bpy.ops.hfx.add_painted(modality="pressure", name="Own")
+    bpy.ops.hfx.fill_part(part="chest")
+    bpy.ops.hfx.add_clip(start=9.0)
+    return bpy.context.object
+
+
+def contents(effect: Any) -> tuple[Any, ...]:
+    hfx = effect.hfx
+    spans = [(strip.frame_start, strip.frame_end) for _, strip in clips.strips_of(effect)]
+    return effects.area(effect), spans, hfx.pressure, hfx.body, effects.group_of(effect)
+
+
+@pytest.mark.parametrize("is_override", [False, True])
+def test_tools_for_several_effects_leave_linked_effects_unchanged(
+    painted_library: Path, is_override: bool
+) -> None:
+    """Blender would show the change, and lose the change with the file's next opening."""
+    collection = link(painted_library)
+    if is_override:
+        scene = bpy.context.scene
+        collection.override_hierarchy_create(scene, bpy.context.view_layer)
+        scene.collection.children.unlink(collection)
+    own = own_effect()
+    linked = next(e for e in effects.effects_of(bpy.context.scene) if e.name == "Touch")
+    before = contents(linked)
+    select(own, linked)
+    changes = [
+        bpy.ops.hfx.area_copy,
+        bpy.ops.hfx.copy_clips,
+        bpy.ops.hfx.remove_effects,
+        lambda: bpy.ops.hfx.scale_strength(factor=0.5),
+        lambda: bpy.ops.hfx.scale_frequency(factor=0.5),
+        bpy.ops.hfx.modulate,
+        lambda: bpy.ops.hfx.move_to_group(group="NEW"),
+        lambda: bpy.ops.hfx.move_to_body(body="Avatar"),
+    ]
+    for change in changes:
+        with pytest.raises(RuntimeError, match=r"belongs to a linked file. Press Make Editable"):
+            change()
+        assert contents(linked) == before
+    # From the linked effect to an effect of the file.
+    select(linked, own)
+    assert bpy.ops.hfx.area_copy() == {"FINISHED"}
+    assert bpy.ops.hfx.copy_clips() == {"FINISHED"}
+    assert effects.area(own) == effects.area(linked)
+    assert len(clips.strips_of(own)) == 2
+    assert contents(linked) == before
+
+
+def test_the_area_of_an_override_is_changed_only_after_make_local(
+    painted_library: Path, tmp_path: Path
+) -> None:
+    link(painted_library)
+    own = own_effect()
+    linked = next(e for e in effects.effects_of(bpy.context.scene) if e.name == "Touch")
+    select(linked)
+    bpy.ops.hfx.make_editable()
+    ours = bpy.context.object
+    before = effects.area(ours)
+    for operator in (bpy.ops.hfx.paint_begin, bpy.ops.hfx.fill_part, bpy.ops.hfx.area_filter):
+        assert not operator.poll()
+    select(own, ours)
+    with pytest.raises(RuntimeError, match=r"area of .Touch. belongs to a linked file.*Make Local"):
+        bpy.ops.hfx.area_copy()
+    assert effects.area(ours) == before
+    select(ours)
+    assert bpy.ops.object.make_local(type="SELECT_OBJECT") == {"FINISHED"}
+    assert bpy.ops.hfx.fill_part(part="chest") == {"FINISHED"}
+    expected = effects.area(bpy.context.object)
+    assert expected != before
+    saved = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(saved))
+    bpy.ops.wm.open_mainfile(filepath=str(saved))
+    again = next(e for e in effects.effects_of(bpy.context.scene) if e.name == "Touch")
+    assert effects.area(again) == expected
+
+
+@pytest.mark.parametrize("is_override", [False, True])
+def test_a_mirrored_copy_of_a_linked_effect_is_stored(
+    painted_library: Path, tmp_path: Path, is_override: bool
+) -> None:
+    link(painted_library)
+    linked = next(e for e in effects.effects_of(bpy.context.scene) if e.name == "Touch")
+    select(linked)
+    if is_override:
+        bpy.ops.hfx.make_editable()
+    before = set(effects.effects_of(bpy.context.scene))
+    assert bpy.ops.hfx.effect_mirrored() == {"FINISHED"}
+    (copy,) = set(effects.effects_of(bpy.context.scene)) - before
+    assert not effects.is_locked(copy)
+    uid, expected = copy.hfx.uid, effects.area(copy)
+    assert expected[0] != effects.area(bpy.context.object)[0], "of the other hand"
+    saved = tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(saved))
+    bpy.ops.wm.open_mainfile(filepath=str(saved))
+    (again,) = (e for e in effects.effects_of(bpy.context.scene) if e.hfx.uid == uid)
+    assert effects.area(again) == expected

@@ -102,14 +102,14 @@ def test_solo_silences_all_others(effect: Any) -> None:
 
 
 def test_a_heartbeat_lasts_as_long_as_shown(effect: Any) -> None:
-    bpy.ops.hfx.add_heartbeat(start=13.0)  # 1 s at 24 frames a second, 72 beats a minute
+    bpy.ops.hfx.add_heartbeat(start=13.0)  # 2 s at 24 frames a second, 72 beats a minute
     ((_, strip),) = clips.strips_of(effect)
-    assert (strip.frame_start, strip.frame_end) == (13.0, 37.0)
-    assert (strip.repeat, strip.scale) == pytest.approx((1.2, 1.0))
+    assert (strip.frame_start, strip.frame_end) == (13.0, 61.0)
+    assert (strip.repeat, strip.scale) == pytest.approx((2.4, 1.0))
     # A beat is 20 frames: the second begins at 33, with its peak after 0.08 of a beat.
     assert level(effect, 13 + 1.6) == pytest.approx(1.0)
     assert level(effect, 33 + 1.6) == pytest.approx(1.0)
-    assert level(effect, 37.5) == 0.0
+    assert level(effect, 61.5) == 0.0
     strip = clips.add_heartbeat(effect, 50, 140, beats_per_minute=60.0)
     assert (strip.frame_end, strip.repeat) == (140.0, 3.75)
 

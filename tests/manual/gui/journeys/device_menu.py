@@ -54,9 +54,13 @@ def dialog(h: Any, name: str, kind: int, shot: str, is_field_open: bool = False)
     yield 0.6
     before = yield from h.radios()
     yield from h.press_button("HFX_OT_live_connect")
-    yield 0.8
-    shown = yield from h.radios()
-    kinds = [place for place in shown if place not in before]
+    kinds = []
+    for _ in range(10):  # a busy computer draws late
+        yield 0.8
+        shown = yield from h.radios()
+        kinds = [place for place in shown if place not in before]
+        if kinds:
+            break
     heights = [y for _, y in kinds]
     height = max(set(heights), key=heights.count)  # of the dialog's row of kinds
     left = min(x for x, y in kinds if y == height)

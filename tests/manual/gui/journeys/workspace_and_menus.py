@@ -45,6 +45,7 @@ def steps(h: Any) -> Iterator[float]:
     _, y = yield from h.button(h.region("UI"), bpy.types.HFX_OT_add_clip)
     fields = yield from h.fields(h.region("UI"))
     h.check(sum(field[1] > y for field in fields) >= 2, "the clip's start and end are in view")
+    yield from h.button(h.region("UI"), bpy.types.HFX_OT_export)
     region = h.region("WINDOW", "DOPESHEET_EDITOR")
     timeline_clips = hands.module("playback.timeline.timeline_clips")
     row = timeline_clips._MOST_ROW
