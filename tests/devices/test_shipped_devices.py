@@ -8,10 +8,11 @@ import pytest
 
 from hfx_blender.devices.configuration import list_devices, load_device
 from hfx_blender.devices.host.opening import kind_of
+from hfx_blender.devices.live.discovery import FoundPort, found_devices, port_of
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
 from hfx_blender.engine.modality import MAX_TEMPERATURE_C
-from hfx_blender.engine.rendering.device_config import BodyPlace
+from hfx_blender.engine.rendering.device_config import BodyPlace, SerialTransport
 from hfx_blender.engine.rendering.schemes import cells_of
 from hfx_blender.files import resources
 
@@ -26,6 +27,7 @@ EXPECTED = {  # parts, sides, actuators
     "thalmic_myo_left": ("forearm", {LEFT}, 1),
     "thalmic_myo_right": ("forearm", {RIGHT}, 1),
     "subpac_m2": ("torso", None, 1),
+    "gamepad_rumble": ("hand_palm fingers", {LEFT, RIGHT}, 2),
     "oculus_touch": ("hand_palm fingers", {LEFT, RIGHT}, 2),
     "dyson_pure_cool_link": (None, None, 2),
     "mango_pad": ("torso", None, 10),
@@ -63,6 +65,47 @@ def cells(name, model_id):
 
 def test_nothing_ships_untested():
     assert set(list_devices()) == set(EXPECTED)
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_a_device_has_usb_ids_or_says_why_not(name):
+    device = load_device(name)
+    on_serial = any(isinstance(o.transport, SerialTransport) for o in device.outputs)
+    if on_serial:
+        assert device.brand is not None and device.brand.usb and "USB ids: " in device.description
+    elif device.brand is not None:
+        assert not device.brand.usb and "No USB ids: " in device.description
+
+
+# Rows of Arduino's boards.txt (arduino/ArduinoCore-avr, 0428ad8): uno.vid, uno.pid; mega.vid ...
+@pytest.mark.parametrize(
+    ("name", "products"),
+    [
+        ("arduino_uno_pwm", "2341:0043 2341:0001 2a03:0043 2341:0243 2341:006a"),
+        ("waist_belt", "2341:0010 2341:0042 2a03:0010 2a03:0042 2341:0210 2341:0242"),
+    ],
+)
+def test_every_board_of_the_maker_chooses_the_port(name, products):
+    device = load_device(name)
+    other = FoundPort("COM1", "modem", (0x1A86, 0x7523))
+    for product in products.split():
+        vendor, number = (int(text, 16) for text in product.split(":"))
+        board = FoundPort("COM7", "board", (vendor, number))
+        assert port_of(device, [other, board]) == "COM7"
+        matches = found_devices([device], [other, board])
+        assert [(match.device, match.port) for match in matches] == [(device.id, "COM7")]
+
+
+def test_the_strong_motor_of_a_gamepad_is_the_side_that_pages_and_players_take_for_it():
+    # phone_page.html and players/web/src/outputs.js: left strong, right weak.
+    strong, weak = load_device("gamepad_rumble").actuators
+    assert (strong.id, strong.place.side, weak.id, weak.place.side) == (
+        "strong",
+        "left",
+        "weak",
+        "right",
+    )
+    assert strong.type.controls[1].neutral < weak.type.controls[1].neutral  # large, slow mass
 
 
 @pytest.mark.parametrize("model_id", MODELS)
