@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..blender import compat, mesh_arrays
+from ..blender import compat, early_imports, mesh_arrays
 from ..blender.scene_info import fps_of, metres_of
 from ..engine.body.model import AVATAR_ID, Avatar, Skeleton, WalkCycle, load_avatar, load_walk
 from ..engine.body.rigs.mapping import BoneMapping
@@ -25,8 +25,6 @@ _LARGE_BONES = (
     *("root", "pelvis", "spine", "neck", "head", "clavicle", "shoulder"),
     *("upperarm", "lowerarm", "wrist", "upperleg", "lowerleg", "foot"),
 )
-
-_PACKAGES = ("scipy.sparse.linalg", "scipy.spatial", "trimesh.grouping", "trimesh.geometry")
 
 _INSIDE_M = 0.02
 """Shortening of the head bone, metres, to keep its end inside the head; also the tolerance of
@@ -147,7 +145,7 @@ def choosing_skin_meshes(
 def _importing() -> Generator[float, None, None]:
     """Import the packages of scipy and trimesh for a fit, yielding 0.0 after each, as all imports
     together take seconds."""
-    for name in _PACKAGES:
+    for name in early_imports.FIT_PACKAGES:
         import_module(name)
         yield 0.0
 

@@ -13,6 +13,7 @@ import bpy
 
 from ..authoring import clips, painting
 from ..authoring.effects import effects, swarms
+from ..blender import early_imports
 from ..engine.modality import MODALITIES
 from ..operators.effects.clip_operators import draw_clip_buttons
 from ..operators.shared import KeyBindings, active_armature, active_body, active_effect
@@ -196,6 +197,7 @@ def draw_first_step(context: bpy.types.Context, layout: bpy.types.UILayout) -> b
     scene = context.scene
     if not effects.bodies_of(scene):
         if active_armature(context) is not None:
+            early_imports.begin()
             layout.operator("hfx.mark_body", icon="ADD")
         else:
             layout.operator(

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
-from ..volume.mesh_distance import barycentric
+from ..native.library import library
+from ..volume.mesh_distance import TriangleTree, barycentric
 
 # Longest edge of cut triangles; the search compares triangle centres
 _LONGEST_EDGE_M: Final = 0.02
@@ -36,7 +37,7 @@ class NearestSkin:
 
 
 class TargetSurface:
-    """Target's skin in normalised space, with a search tree for each region.
+    """Target's skin in normalised space, with search trees for each region.
 
     ``points`` are (A, 3), ``triangles`` (F, 3), ``shares`` (A, R) skin weights by region.
     """
@@ -57,13 +58,14 @@ class TargetSurface:
         self._radii: F64 = np.linalg.norm(ways, axis=2).max(axis=1) + _ROUNDING_M  # (N,)
         parent = self.parent
         self._members = [np.flatnonzero(whole[parent, r] >= _SHARE) for r in range(shares.shape[1])]
-        self._trees: list[Any] = [None] * len(self._members)
+        self._triangle_trees: dict[int, TriangleTree] = {}  # by region
+        self._centre_trees: dict[int, Any] = {}
 
     def leave_out(self, pieces: npt.NDArray[np.bool_]) -> None:
         """Exclude cut triangles (mask (N,)) from all later searches."""
         if pieces.any():
             self._members = [members[~pieces[members]] for members in self._members]
-            self._trees = [None] * len(self._members)
+            self._triangle_trees, self._centre_trees = {}, {}
 
     def nearest(
         self, points: F64, normals: F64, shares: F64, reach_m: float, facing: float = _FACING
@@ -77,56 +79,84 @@ class TargetSurface:
         from scipy.spatial import cKDTree
 
         count = len(points)
+        places = NearestSkin(
+            *(np.zeros(count, bool), np.zeros(count, np.int64)),
+            *(np.zeros((count, 3)) for _ in range(3)),
+        )
         smallest = np.full(count, np.inf)
-        triangle, weights = np.zeros(count, np.int64), np.zeros((count, 3))
-        positions, normals_out = np.zeros((count, 3)), np.zeros((count, 3))
         for region, members in enumerate(self._members):
             queries = np.flatnonzero(shares[:, region] >= _SHARE)
             if not len(queries) or not len(members):
                 continue
-            if self._trees[region] is None:
-                self._trees[region] = cKDTree(self.centres[members])
+            if library() is not None:
+                if region not in self._triangle_trees:
+                    pieces = np.ascontiguousarray(self._pieces[members])
+                    self._triangle_trees[region] = TriangleTree(pieces)
+                tree = self._triangle_trees[region]
+                near, off = tree.nearest(np.ascontiguousarray(points[queries].T), reach_m)
+                is_open = off < smallest[queries]
+                queries, near = queries[is_open], near[is_open]
+                pairs = queries, members[near]
+                # Where the nearest triangle faces away, on thin parts, the next ones are searched.
+                queries = queries[~self._improve(places, smallest, *pairs, points, normals, facing)]
+                if not len(queries):
+                    continue
+            if region not in self._centre_trees:
+                self._centre_trees[region] = cKDTree(self.centres[members])
             # Nearest centres are candidates; exact distances choose among them. A triangle is no
             # nearer than its centre less its radius, so that farther centres are left out unseen.
             tries = min(_CANDIDATES, len(members))
             farthest = min(reach_m, smallest[queries].max()) + self._radii[members].max()
-            off, near = self._trees[region].query(
-                points[queries], k=tries, distance_upper_bound=farthest, workers=-1
+            off, near = self._centre_trees[region].query(
+                points[queries], k=[*range(1, tries + 1)], distance_upper_bound=farthest
             )
-            off, near = off.reshape(len(queries), tries), np.reshape(near, (len(queries), tries))
             # The nearest centre first: its distance spares most of the others.
             for columns in (slice(0, 1), slice(1, tries)):
                 row, column = np.nonzero(near[:, columns] < len(members))
                 piece = members[near[row, column + columns.start]]
                 least = off[row, column + columns.start] - self._radii[piece]
                 is_open = least < np.minimum(smallest[queries[row]], reach_m)
-                row, column, piece = row[is_open], column[is_open], piece[is_open]
-                point = queries[row]
-                bary = barycentric(points[point], self._pieces[piece])
-                at = np.einsum("nc,nci->ni", bary, self._pieces[piece])
-                distance = np.linalg.norm(at - points[point], axis=1)
-                # Candidates that are no nearer, or out of reach, need no normals.
-                near_ones = np.flatnonzero((distance < smallest[point]) & (distance <= reach_m))
-                row, column, piece, point = (
-                    values[near_ones] for values in (row, column, piece, point)
-                )
-                bary, at, distance = (values[near_ones] for values in (bary, at, distance))
-                inside = np.einsum("nc,nck->nk", bary, self._corners[piece])
-                corner = self.triangles[self.parent[piece]]
-                normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
-                # Excludes the far side of thin parts.
-                distance[np.einsum("ni,ni->n", normal, normals[point]) < facing] = np.inf
-                # Best candidate per query, kept if nearer than the places before.
-                table, number = np.full(off.shape, np.inf), np.zeros(off.shape, np.int64)
-                table[row, column], number[row, column] = distance, np.arange(len(distance))
-                choice = np.arange(len(queries)), table.argmin(axis=1)
-                is_better = table[choice] < smallest[queries]
-                won, best = queries[is_better], number[choice][is_better]
-                smallest[won] = distance[best]
-                triangle[won], weights[won] = self.parent[piece[best]], inside[best]
-                positions[won], normals_out[won] = at[best], normal[best]
-        normals_out /= np.maximum(np.linalg.norm(normals_out, axis=1, keepdims=True), 1e-12)
-        return NearestSkin(np.isfinite(smallest), triangle, weights, positions, normals_out)
+                pairs = queries[row[is_open]], piece[is_open]
+                self._improve(places, smallest, *pairs, points, normals, facing, reach_m)
+        lengths = np.linalg.norm(places.normals, axis=1, keepdims=True)
+        np.divide(places.normals, np.maximum(lengths, 1e-12), out=places.normals)
+        return places
+
+    def _improve(
+        self,
+        places: NearestSkin,
+        smallest: F64,
+        point: I64,
+        piece: I64,
+        points: F64,
+        normals: F64,
+        facing: float,
+        reach_m: float = np.inf,
+    ) -> npt.NDArray[np.bool_]:
+        """Enter the nearest of the places on cut triangles ``piece`` (n,) for points ``point``
+        (n,) that face the point and are nearer than ``smallest`` (P,), in place. Returns the mask
+        (n,) of places that could be entered; entered normals have no unit length."""
+        bary = barycentric(points[point], self._pieces[piece])
+        at = np.einsum("nc,nci->ni", bary, self._pieces[piece])
+        distance = np.linalg.norm(at - points[point], axis=1)
+        is_better = (distance < smallest[point]) & (distance <= reach_m)
+        # Candidates that are no nearer, or out of reach, need no normals.
+        near = np.flatnonzero(is_better)
+        inside = np.einsum("nc,nck->nk", bary[near], self._corners[piece[near]])
+        corner = self.triangles[self.parent[piece[near]]]
+        normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
+        # Excludes the far side of thin parts.
+        faces = np.einsum("ni,ni->n", normal, normals[point[near]]) >= facing
+        is_better[near] = faces
+        entered = np.flatnonzero(is_better)
+        order = np.lexsort((distance[entered], point[entered]))
+        first = order[np.flatnonzero(np.diff(point[entered[order]], prepend=-1))]
+        row, best = point[entered[first]], entered[first]
+        smallest[row] = distance[best]
+        places.found[row] = True
+        places.triangle[row], places.points[row] = self.parent[piece[best]], at[best]
+        places.weights[row], places.normals[row] = inside[faces][first], normal[faces][first]
+        return is_better
 
     def around(
         self, point: F64, axis: F64, half_m: float, radius_m: float, regions: Sequence[int]

