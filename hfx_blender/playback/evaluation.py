@@ -23,7 +23,7 @@ class Evaluation:
         self.fault = ""  # error of the last description; empty without an error
         self.generation = 0  # rises with each description
         # Received values by property and name of the effect, in place of those in the scene.
-        self.overrides: dict[str, dict[str, float]] = {}
+        self.overrides: dict[str, dict[str, float | tuple[float, ...]]] = {}
         self.with_positions = False  # True while a device needs the positions of samples
         # Called before a description, which may load body models and take seconds.
         self.before_describing: Callable[[], None] = lambda: None

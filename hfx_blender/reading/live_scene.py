@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from operator import attrgetter
+from typing import Any
 
 import bpy
 import numpy as np
@@ -100,7 +101,7 @@ class LiveScene:
         tolerance: Tolerance,
         *,
         with_positions: bool = False,
-        overrides: Mapping[str, Mapping[str, float]] | None = None,
+        overrides: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         self.signature = signature_of(scene)
         haptics = scene_description.find(scene, layer)

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import math
 import re
 from typing import Final, NamedTuple
 from urllib.parse import quote, unquote
 
 from .osc_packets import OscMessage
 
-_PARAMETER: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")
+_PARAMETER: Final = re.compile(r"(response/[0-9]{1,2}/)?[a-z][a-z0-9_]{0,63}")
 _MAX_NAME: Final = 256
 _SWITCHES: Final = frozenset(("mute", "trigger"))
 _RANGES: Final = {"gain": (0.0, 1.0), "intensity": (0.0, 1.0), "rate": (-16.0, 16.0)}
@@ -22,15 +21,17 @@ class ValueChange(NamedTuple):
 
     ``target``: ``effect``, ``clip``, ``all`` (every device) or ``time``.
     ``name``: of the effect or clip; "" for further targets.
-    ``parameter``: ``intensity``, ``frequency_hz`` ...; ``mute``, ``trigger``, ``gain``, ``time``
-    or ``rate``.
-    ``value``: finite; 0 or 1 of ``mute`` and ``trigger``.
+    ``parameter``: ``intensity``, ``frequency_hz`` ..., ``response/0/decay`` of the first filter of
+    a contact response; ``mute``, ``trigger``, ``gain``, ``time`` or ``rate``.
+    ``value``: finite; 0 or 1 of ``mute`` and ``trigger``; the first of three numbers.
+    ``vector``: three finite numbers, such as a location; empty for one number.
     """
 
     target: str
     name: str
     parameter: str
     value: float
+    vector: tuple[float, ...] = ()
 
 
 def is_used(address: str) -> bool:
@@ -55,21 +56,22 @@ def change_of(message: OscMessage) -> ValueChange | None:
     NaN, infinity, and a value out of range.
 
     ``gain`` and ``intensity`` are 0 to 1, ``rate`` -16 to 16. A switch is on above 0; a trigger
-    without argument is on.
+    without argument is on. Three numbers are a vector of an effect.
     """
     target, name, parameter = _parts(message.address)
     if not target or not _PARAMETER.fullmatch(parameter):
         return None
     arguments = message.arguments or ((True,) if parameter == "trigger" else ())
-    if len(arguments) != 1 or not isinstance(arguments[0], int | float):
-        return None
-    value = float(arguments[0])
+    numbers = tuple(float(x) for x in arguments if isinstance(x, int | float))
     lowest, highest = _RANGES.get(parameter, (-_LARGEST, _LARGEST))
-    if math.isnan(value) or not lowest <= value <= highest:
+    # NaN is in no range.
+    if len(numbers) != len(arguments) or not all(lowest <= x <= highest for x in numbers):
         return None
-    if parameter in _SWITCHES:
-        value = float(value > 0.0)
-    return ValueChange(target, name, parameter, value)
+    is_scalar = target != "effect" or parameter in _SWITCHES or parameter in _RANGES
+    if len(numbers) != 1 and (len(numbers) != 3 or is_scalar):
+        return None
+    value = float(numbers[0] > 0.0) if parameter in _SWITCHES else numbers[0]
+    return ValueChange(target, name, parameter, value, numbers if len(numbers) == 3 else ())
 
 
 def _parts(address: str) -> tuple[str, str, str]:
@@ -79,11 +81,11 @@ def _parts(address: str) -> tuple[str, str, str]:
     match address.split("/"):
         case ["", "hfx", "gain" | "mute" as parameter]:
             return "all", "", parameter
-        case ["", "hfx", "effect" | "clip" as target, text, parameter]:
-            name = _name(text)
+        case ["", "hfx", "effect" | "clip" as target, text, *rest] if len(rest) in (1, 3):
+            name, value = _name(text), "/".join(rest)
             # Clips have triggers only, and only clips have them.
-            if name and (target == "clip") == (parameter == "trigger"):
-                return target, name, parameter
+            if name and (target == "clip") == (value == "trigger"):
+                return target, name, value
     return "", "", ""
 
 

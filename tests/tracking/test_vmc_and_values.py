@@ -165,6 +165,8 @@ def test_an_unusable_address_is_one_sentence(address: str, port: int, words: str
         ("/hfx/clip/Hit/trigger", (0.0,), ("clip", "Hit", "trigger", 0.0)),
         ("/hfx/gain", (1.0,), ("all", "", "gain", 1.0)),
         ("/hfx/mute", (0,), ("all", "", "mute", 0.0)),
+        ("/hfx/effect/A/location", (1, 2.5, -3.0), ("effect", "A", "location", 1.0, (1, 2.5, -3))),
+        ("/hfx/effect/A/response/0/decay", (0.5,), ("effect", "A", "response/0/decay", 0.5)),
         ("/time", (12.25,), ("time", "", "time", 12.25)),
         ("/rate", (-1.0,), ("time", "", "rate", -1.0)),
     ],
@@ -174,7 +176,7 @@ def test_addresses_become_changes(
 ) -> None:
     assert value_addresses.is_used(address)
     actual = change_of(OscMessage(address, arguments))  # type: ignore[arg-type]
-    assert actual == change
+    assert actual == ValueChange(*change)  # type: ignore[arg-type]
     if address.startswith("/hfx") or actual is not None:
         assert actual is not None and address_of(*actual[:3]) == address
 
@@ -183,6 +185,11 @@ def test_addresses_become_changes(
     ("address", "arguments"),
     [
         ("/hfx/gain", (math.nan,)),
+        ("/hfx/gain", (0.5, 0.5, 0.5)),
+        ("/hfx/effect/A/location", (1.0, 2.0)),
+        ("/hfx/effect/A/location", (1.0, math.inf, 2.0)),
+        ("/hfx/effect/A/response/0", (1.0,)),
+        ("/hfx/clip/A/response/0/trigger", (1.0,)),
         ("/hfx/gain", (1.5,)),
         ("/hfx/gain", ()),
         ("/hfx/gain", ("1",)),

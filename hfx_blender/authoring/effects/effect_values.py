@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from typing import Final
 
 import bpy
 import numpy as np
@@ -17,6 +18,9 @@ from ...engine.volume.mesh import MeshVolume
 from ...engine.volume.shape import Falloff, FalloffKind, Shape
 from ...errors import InputError
 from .. import volumes
+
+TRANSFORM: Final = ("location", "rotation_euler", "scale")
+"""Properties (3) of an object that place a volume."""
 
 
 def properties_of(modality: str) -> tuple[str, ...]:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import logging
 import time
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import bpy
 from bpy.app.handlers import persistent
 
 from ...authoring import clips
-from ...authoring.effects import effects
+from ...authoring.effects import effect_values, effects
 from ...blender import compat
 from ...blender.events import add_handlers, call_soon, redraw, remove_handlers, remove_timers
 from ...blender.scene_info import fps_of
@@ -30,6 +30,7 @@ from .live import live
 
 STEP_S: Final = 1.0 / 60.0
 _MOST_SHOWN: Final = 8  # addresses in the panel
+_UNUSED: Final = ("falloff_share", "envelope")  # read once, with the shape of a volume, or never
 
 _log = logging.getLogger(__name__)
 
@@ -52,10 +53,11 @@ class Listening:
         self.newest: dict[str, str] = {}  # address -> value or reason of refusal, newest last
         self.is_recording = False
         self._muted: set[str] = set()  # names of effects
-        self._set: dict[str, dict[str, float]] = {}  # property -> value, by name of the effect
+        # Property -> number, or three numbers, by name of the effect.
+        self._set: dict[str, dict[str, float | tuple[float, ...]]] = {}
         self._triggers: list[_Trigger] = []
-        # Value by effect, property and frame; frames of started clips.
-        self._keys: dict[tuple[str, str], dict[int, float]] = {}
+        # Value by effect, data path, index and frame; frames of started clips.
+        self._keys: dict[tuple[str, str, int], dict[int, float]] = {}
         self._clips: list[tuple[_Trigger, int]] = []
         self._handlers = dict.fromkeys(("load_pre", "undo_pre", "redo_pre"), self.on_end)
 
@@ -107,7 +109,7 @@ class Listening:
 
     def _apply(self, change: ValueChange) -> None:
         """Store a change; an unknown effect, clip or property is named in ``newest`` only."""
-        shown = f"{change.value:g}"
+        shown = " ".join(f"{x:g}" for x in change.vector or (change.value,))
         if change.target == "all":
             is_mute = change.parameter == "mute"
             live.factors[change.parameter] = 1.0 - change.value if is_mute else change.value
@@ -132,15 +134,17 @@ class Listening:
         if change.parameter == "mute":
             (self._muted.add if change.value else self._muted.discard)(effect.name)
             return ""
-        name = properties_by_parameter(effect).get(change.parameter)
-        if name is None:
+        name = properties_by_parameter(effect).get(change.parameter, change.parameter)
+        path, limits = _property_of(effect, name)
+        if limits is None or limits.array_length != len(change.vector):
             return "no such value"
-        self._set.setdefault(effect.name, {})[name] = change.value
+        numbers = tuple(
+            min(max(x, limits.hard_min), limits.hard_max) for x in change.vector or (change.value,)
+        )
+        self._set.setdefault(effect.name, {})[name] = numbers if change.vector else numbers[0]
         if self.is_recording:
-            limits = effect.hfx.bl_rna.properties[name]
-            value = min(max(change.value, limits.hard_min), limits.hard_max)
-            keys = self._keys.setdefault((effect.name, name), {})
-            keys[scene.frame_current] = value
+            for k, number in enumerate(numbers):
+                self._keys.setdefault((effect.name, path, k), {})[scene.frame_current] = number
         return ""
 
     def _trigger(self, change: ValueChange) -> str:
@@ -167,7 +171,8 @@ class Listening:
                 self._triggers.remove(trigger)
             else:
                 values = overrides.setdefault(trigger.effect, {})
-                values["activation"] = max(level, values.get("activation", 0.0))
+                before = values.get("activation", 0.0)
+                values["activation"] = max(level, before if isinstance(before, float) else 0.0)
         for name in self._muted:
             overrides.setdefault(name, {})["intensity"] = 0.0
         # Changed in place: the described scene reads this mapping at each moment.
@@ -189,11 +194,11 @@ class Listening:
         keyframes in the actions of the effects; started clips become clips at their frames."""
         self.is_recording = False
         count = 0
-        for (name, field), keys in self._keys.items():
+        for (name, path, index), keys in self._keys.items():
             effect = bpy.data.objects.get(name)
             if effect is None:
                 continue
-            curve = compat.own_fcurve(effect, f"hfx.{field}", "Values")
+            curve = compat.own_fcurve(effect, path, "Values", index)
             before = {point.co[0]: point.co[1] for point in curve.keyframe_points}
             compat.set_keys(curve, sorted({**before, **keys}.items()))
             count += len(keys)
@@ -225,6 +230,22 @@ def properties_by_parameter(effect: bpy.types.Object) -> dict[str, str]:
     of the modality, such as "frequency_hz"."""
     controls = MODALITIES[effect.hfx.modality].controls
     return {"intensity": "intensity", **{control.name: control.prop for control in controls}}
+
+
+def _property_of(effect: bpy.types.Object, name: str) -> tuple[str, Any]:
+    """Data path and definition of an animatable number of an effect, or of the place of a volume;
+    "" and None without it. Filters of the contact response are named ``response/0/decay``."""
+    owner, path = effect.hfx, "hfx."
+    if name in effect_values.TRANSFORM and effect.hfx.kind == "VOLUME":
+        owner, path = effect, ""
+    elif name.startswith("response/"):
+        _, index, name = name.split("/")
+        if int(index) >= len(effect.hfx.response):
+            return "", None
+        owner, path = effect.hfx.response[int(index)], f"hfx.response[{int(index)}]."
+    definition = owner.bl_rna.properties.get(name)
+    is_number = definition is not None and definition.type == "FLOAT" and definition.is_animatable
+    return (path + name, definition) if is_number and name not in _UNUSED else ("", None)
 
 
 def _strip_of(effect: bpy.types.Object, name: str) -> bpy.types.NlaStrip | None:

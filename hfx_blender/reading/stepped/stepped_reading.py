@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import numpy.typing as npt
+from mathutils import Euler, Matrix, Vector
 
 from ...authoring import volumes
 from ...authoring.effects import effect_values
@@ -153,10 +154,21 @@ class _Settings:
 
 
 class OverriddenProperties:
-    """Haptic properties of an effect, read-only, with received values in place of some."""
+    """Haptic properties of an effect, read-only, with received values in place of some. Keys such
+    as ``response/0/decay`` are properties of a contact response filter."""
 
-    def __init__(self, hfx: bpy.types.PropertyGroup, values: Mapping[str, float]) -> None:
+    def __init__(self, hfx: bpy.types.PropertyGroup, values: Mapping[str, Any]) -> None:
         self.__dict__.update(values, _stored=hfx)
+        by_filter: dict[int, dict[str, float]] = {}
+        for key in values:
+            if key.startswith("response/"):
+                _, index, name = key.split("/")
+                by_filter.setdefault(int(index), {})[name] = values[key]
+        if by_filter:
+            self.response = [
+                OverriddenProperties(item, by_filter[k]) if k in by_filter else item
+                for k, item in enumerate(hfx.response)
+            ]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stored, name)
@@ -193,7 +205,7 @@ class SteppedReading:
         """Mesh volumes far from skin, of which only boxes are read."""
         self.faults: dict[str, set[int]] = {} if faults is None else faults
         """Meshes that are no closed volumes: message -> sample indices."""
-        self.overrides: Mapping[str, Mapping[str, float]] = {}
+        self.overrides: Mapping[str, Mapping[str, Any]] = {}
         """Received values by property and name of the effect, in place of evaluated values."""
 
     def read(
@@ -239,7 +251,7 @@ class SteppedReading:
         if state.source is activation.ActivationSource.OFF:
             return values
         values.level = state.level(hfx)
-        matrix = effect_values.world_matrix(evaluated)
+        matrix = self._world_matrix(effect, evaluated)
         values.parameters = effect_values.parameters(hfx, matrix)
         values.place = area_values.place(hfx, self._unit_m)
         values.drive = area_values.drive(hfx)
@@ -256,7 +268,7 @@ class SteppedReading:
             if hfx.shape == "MESH" and has_nodes and effect_values.is_empty(evaluated):
                 return EffectRow()
             try:
-                values.shape = self._shape(which, evaluated)
+                values.shape = self._shape(which, evaluated, hfx)
             except InputError as error:
                 soundness.add_fault(self.faults, str(error), index)
                 values.shape = self._shapes.last_of(effect)
@@ -279,16 +291,35 @@ class SteppedReading:
         values = self.overrides.get(effect.name)
         return OverriddenProperties(evaluated.hfx, values) if values else evaluated.hfx
 
-    def _shape(self, which: int, evaluated: bpy.types.Object) -> Shape:
-        """Shape of a volume: cached if rigid, the box if a far deforming mesh, else read. Raises
-        InputError for a mesh without an inside."""
+    def _world_matrix(self, effect: bpy.types.Object, evaluated: bpy.types.Object) -> F64:
+        """World matrix (4, 4) in Blender units, with received location, rotation and scale in place
+        of those of the object; parents and constraints act as before."""
+        values = self.overrides.get(effect.name, {})
+        if values.keys().isdisjoint(effect_values.TRANSFORM):
+            return effect_values.world_matrix(evaluated)
+        place, turn, size = evaluated.matrix_basis.decompose()
+        basis = Matrix.LocRotScale(
+            Vector(values.get("location", place)),
+            Euler(values["rotation_euler"]) if "rotation_euler" in values else turn,
+            Vector(values.get("scale", size)),
+        )
+        world = evaluated.matrix_world @ evaluated.matrix_basis.inverted_safe() @ basis
+        return np.array(world, np.float64)
+
+    def _shape(
+        self, which: int, evaluated: bpy.types.Object, hfx: bpy.types.PropertyGroup
+    ) -> Shape:
+        """Shape of a volume with the properties ``hfx``: cached if rigid, the box if a far
+        deforming mesh, else read. Raises InputError for a mesh without an inside."""
+        if hfx.shape != "MESH":
+            return volumes.analytic_shape(hfx)
         effect = self._found.effects[which]
         is_rigid = self._is_rigid[which]
         cached = self._shapes.last_of(effect) if is_rigid else None
         if cached is not None:
             return cached
         box = None
-        if which in self.far and evaluated.hfx.shape == "MESH" and not is_rigid:
+        if which in self.far and not is_rigid:
             box = self._shapes.box_of(effect, evaluated)
         return self._shapes.shape_of(effect, evaluated) if box is None else box
 

@@ -16,7 +16,7 @@ import pytest
 from mathutils import Vector
 from pythonosc.osc_message_builder import OscMessageBuilder
 
-from hfx_blender.authoring import clips
+from hfx_blender.authoring import clips, responses
 from hfx_blender.blender import compat
 from hfx_blender.files import resources
 from hfx_blender.operators.live import input_operators
@@ -25,6 +25,8 @@ from hfx_blender.playback.live.body_tracking import body_tracking
 from hfx_blender.playback.live.listening import listening
 from hfx_blender.playback.live.live import live
 from hfx_blender.playback.timeline.timeline_recorder import recorder
+
+oracle = pytest.importorskip("oracle")
 
 
 def free_port() -> int:
@@ -101,6 +103,52 @@ def test_values_replace_those_of_the_scene_without_a_change_of_the_file(port: in
     until(lambda: levels() == [(0.25, 2.0)])
     listening.stop()
     assert levels() == [(1.0, 5.0)]
+
+
+def test_a_volume_is_moved_turned_and_resized(port: int) -> None:
+    ball = oracle.add_volume("Ball", "vibration", "CYLINDER", (5.0, 0.0, 1.0), radius=0.3)
+    ball.parent = bpy.data.objects.new("Hand", None)
+    bpy.context.collection.objects.link(ball.parent)
+    ball.parent.location.z = 0.25
+    responses.add_filter(ball, "sine")
+    evaluation.describe(bpy.context)
+    send(port, "/hfx/effect/Ball/location", 0.0, 0.0, 1.0)
+    send(port, "/hfx/effect/Ball/rotation_euler", 0.0, math.pi / 2, 0.0)
+    send(port, "/hfx/effect/Ball/radius", 0.5)
+    send(port, "/hfx/effect/Ball/height", -4.0)  # below the limit of 0
+    send(port, "/hfx/effect/Ball/response/0/depth", 0.75)
+    until(lambda: len(listening._set.get("Ball", {})) == 5)
+    reading = evaluation.scene._reading  # type: ignore[union-attr]
+    evaluated = ball.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    hfx = reading.properties_of(ball, evaluated)
+    assert (hfx.radius, hfx.height, hfx.response[0].depth) == (0.5, 0.0, 0.75)
+    # A quarter turn about Y takes Z to X; the parent raises by 0.25.
+    matrix = reading._world_matrix(ball, evaluated)
+    assert matrix[:3, 2] == pytest.approx([1.0, 0.0, 0.0], abs=1e-6)
+    assert matrix[:3, 3] == pytest.approx([0.0, 0.0, 1.25])
+    send(port, "/hfx/effect/Ball/height", 2.0)
+    until(lambda: len(levels()) == 2)  # the painted effect, and the ball that reaches the body
+    assert ball.location.x == 5.0 and ball.hfx.radius == pytest.approx(0.3)
+    for address, *numbers in (
+        ("/hfx/effect/Ball/location", 1.0),
+        ("/hfx/effect/Ball/radius", 1.0, 1.0, 1.0),
+        ("/hfx/effect/Ball/response/1/depth", 1.0),
+        ("/hfx/effect/Ball/uid", 1.0),
+        ("/hfx/effect/Rain%20Drops/location", 1.0, 1.0, 1.0),
+    ):
+        send(port, address, *numbers)
+        until(lambda address=address: listening.newest.get(address) == "no such value")
+
+
+def test_a_moved_volume_is_recorded_as_keyframes(port: int) -> None:
+    ball = oracle.add_volume("Ball", "vibration", "SPHERE", (5.0, 0.0, 1.0))
+    bpy.context.scene.frame_set(7)
+    bpy.ops.hfx.listen_record()
+    send(port, "/hfx/effect/Ball/location", 1.0, 2.0, 3.0)
+    until(lambda: listening._keys)
+    bpy.ops.hfx.listen_record()
+    keys = {c.array_index: tuple(c.keyframe_points[0].co) for c in compat.fcurves(ball)}
+    assert keys == {0: (7.0, 1.0), 1: (7.0, 2.0), 2: (7.0, 3.0)}
 
 
 def test_a_trigger_plays_a_clip_with_its_fades(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
