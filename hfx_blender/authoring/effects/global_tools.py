@@ -82,6 +82,7 @@ def modulate(effects: Iterable[bpy.types.Object], rate_hz: float, depth: float, 
         for modifier in list(curve.modifiers):
             if modifier.type == "FNGENERATOR" and modifier.name.startswith(_MODULATION):
                 curve.modifiers.remove(modifier)
+        curve.update()  # Blender 4.2.0 evaluates removed modifiers until an update
         if depth > 0.0:
             # The modifier adds a sine: its amplitude and offset let it swing between the present
             # values and ``depth`` below.

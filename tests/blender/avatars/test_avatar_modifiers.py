@@ -201,6 +201,10 @@ def test_skin_that_stays_is_followed_by_its_bones(
     if where == "above":
         put_above_the_armature(skin, added)
     before = datablocks()
+    # Before 4.4 Join Geometry drops the vertex groups: an armature below it poses no vertex.
+    if (name, where) == ("stubble", "above") and bpy.app.version < (4, 4):
+        assert body_binding.surface_reason(body) == f"modifier '{added.name}' deforms it too"
+        return
     assert body_binding.surface_reason(body) is None
     assert body_binding.warning_of(body) is None
     assert datablocks() == before

@@ -128,8 +128,10 @@ def test_what_only_bends_the_normal_is_integrated(plane: Any) -> None:
     for number in (1, 2):
         tree.links.new(shader.outputs[0], mix.inputs[number])
     tree.links.new(mix.outputs[0], node(material, "OUTPUT_MATERIAL").inputs["Surface"])
-    heights = surface_baking.bake(plane, 128, 4).heights_m[2]
-    assert np.allclose(heights - heights.mean(), expected(128, 0.0005), atol=5e-5)
+    # Texels are square, as of all surfaces: before 4.4 Cycles takes the slope of a Bump node over a
+    # third of a texel's mean edge, which shifts the relief by half of that.
+    heights = surface_baking.bake(plane, 128, 128).heights_m
+    assert np.allclose(heights - heights.mean(), expected(128, 0.0005), atol=2.5e-5)
 
 
 def test_roughness_is_baked_as_it_is(plane: Any) -> None:
