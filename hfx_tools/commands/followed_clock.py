@@ -205,7 +205,7 @@ def _midi_input(name: str) -> Any:
     try:
         import rtmidi
     except ImportError:
-        raise UsageError("--follow midi: install python-rtmidi first") from None
+        raise UsageError("--follow midi: install 'hfx-blender[midi]' with pip first") from None
     midi = rtmidi.MidiIn()
     names = midi.get_ports()
     fitting = [k for k, known in enumerate(names) if name.lower() in known.lower()]

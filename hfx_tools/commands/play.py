@@ -136,7 +136,7 @@ def add_osc_arguments(parser: argparse.ArgumentParser) -> None:
         "--osc",
         type=int,
         metavar="PORT",
-        help="receive gain, mute and intensities at this UDP port (docs/osc-addresses.md)",
+        help="receive gain, mutes, values and triggers at this port (docs/osc-addresses.md)",
     )
     parser.add_argument(
         "--sender",
@@ -280,13 +280,20 @@ def _controlled(
 
     from ..live_body.controlled_playback import ControlledSource
     from ..live_body.live_values import LiveValues
+    from ..live_body.triggered_parts import TriggeredParts
+    from .played_clip import PlayedClip
 
     if options.listen is not None:
         raise UsageError("--osc is without --listen: a game has strengths of its own")
     allowed = PRIVATE if options.sender is None else (options.sender,)
     values = LiveValues.listening(options.listen_on, options.osc, allowed)
     stack.enter_context(closing(values))
-    return ControlledSource(source, values, {name: device for name, (device, _) in targets.items()})
+    devices = {name: device for name, (device, _) in targets.items()}
+    parts = None
+    if isinstance(source, PlayedClip):
+        wearers = {name: (device, options.body) for name, device in devices.items()}
+        parts = TriggeredParts(options.file, wearers)
+    return ControlledSource(source, values, devices, parts)
 
 
 def _listening(

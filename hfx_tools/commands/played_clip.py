@@ -79,6 +79,10 @@ class PlayedClip:
         """Send the strongest values since the previous call; neutral values after the end."""
         for name in self._actuators:
             client.send(name, self.values(name, time_s))
+        self.hold(time_s)
+
+    def hold(self, time_s: float) -> None:
+        """Begin the next strongest values after this time."""
         self._shown = self._row(time_s)
 
     def values(self, name: str, time_s: float) -> F64:

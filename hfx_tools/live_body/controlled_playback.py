@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,11 +17,7 @@ from hfx_blender.engine.samples import SampleRun
 
 from ..commands.playback_loop import ValueSource
 from .live_values import LiveValues
-
-
-def is_strength(device: DeviceConfig) -> npt.NDArray[np.bool_]:
-    """Columns (columns,) of a device that are strengths: the first control of each actuator."""
-    return np.array([k == 0 for a in device.actuators for k in range(len(a.type.controls))])
+from .triggered_parts import TriggeredParts, is_strength, strongest
 
 
 def weakened(
@@ -37,13 +34,18 @@ class ControlledSource:
     """Track or clip as a value source, whose values are changed by :class:`.LiveValues`.
 
     Gain and mute apply to every device. Intensities and mutes of effects apply to tracks; a clip
-    holds values of actuators and no effects any more.
+    holds values of actuators and no effects any more. ``parts``: triggered parts of a clip.
     """
 
     def __init__(
-        self, source: ValueSource, values: LiveValues, devices: Mapping[str, DeviceConfig]
+        self,
+        source: ValueSource,
+        values: LiveValues,
+        devices: Mapping[str, DeviceConfig],
+        parts: TriggeredParts | None = None,
     ) -> None:
         self._source, self._values, self._devices = source, values, devices
+        self._parts = parts
         self.is_rendered = source.is_rendered
         self.start_s, self.end_s = source.start_s, source.end_s
         self.sample_s = source.sample_s
@@ -55,10 +57,19 @@ class ControlledSource:
     def show(self, client: LiveClient, time_s: float) -> None:
         """Send the changed values of a time."""
         self._values.take()
+        if self._parts is not None:
+            self._parts.update(self._values.triggered, time.monotonic())
         if isinstance(self._source, PlayedTrack):
             self._show_track(self._source, client, time_s)
         else:
-            self._source.show(_Weakening(client, self._values.gain, self._devices), time_s)  # type: ignore[arg-type]
+            self._source.show(_ChangedRows(client, self._changed_row), time_s)  # type: ignore[arg-type]
+
+    def _changed_row(self, name: str, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Values (columns,) of a device with triggered parts and gain."""
+        device, now_s = self._devices[name], time.monotonic()
+        if self._parts is not None:
+            values = strongest([values, *self._parts.values(name, now_s)], device)
+        return weakened(values, self._values.gain, device)
 
     def _show_track(self, track: PlayedTrack, client: LiveClient, time_s: float) -> None:
         gains = {state.number: self._values.gain for state in client.devices.values()}
@@ -78,13 +89,15 @@ class ControlledSource:
         ]
 
 
-class _Weakening:
-    """Client of a clip's playback that weakens the values."""
+class _ChangedRows:
+    """Client of a clip's playback that changes the values of a device by a function."""
 
     def __init__(
-        self, client: LiveClient, gain: float, devices: Mapping[str, DeviceConfig]
+        self,
+        client: LiveClient,
+        changed: Callable[[str, npt.NDArray[np.float64]], npt.NDArray[np.float64]],
     ) -> None:
-        self._client, self._gain, self._devices = client, gain, devices
+        self._client, self._changed = client, changed
 
     def send(self, name: str, values: npt.NDArray[np.float64]) -> None:
-        self._client.send(name, weakened(values, self._gain, self._devices[name]))
+        self._client.send(name, self._changed(name, values))

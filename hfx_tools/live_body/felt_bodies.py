@@ -28,6 +28,7 @@ from .avatar_pose import AvatarPose
 from .controlled_playback import weakened
 from .live_values import LiveValues
 from .player_core import CoreBody
+from .triggered_parts import TriggeredParts, strongest
 
 LOST_S: Final = 0.5
 """Time without a pose after which a sender is lost, seconds."""
@@ -134,6 +135,10 @@ class FeltBodies:
             first, count = int(record["first_column"]), int(record["columns"])
             columns = slice(first, first + count)
             self._worn[name] = _Worn(self.bodies[wearer], columns, device)
+        wearers: dict[str, tuple[DeviceConfig, str | None]] = {
+            name: (worn.device, worn.body.name) for name, worn in self._worn.items()
+        }
+        self._parts = TriggeredParts(path, wearers) if values.receiver is not None else None
         unknown = [name for name in ports if name and name not in self._names]
         if unknown:
             known = ", ".join(f"'{name}'" for name in self._names[:5])
@@ -149,12 +154,19 @@ class FeltBodies:
         seconds = min(now_s - self._before_s, 0.25) if self._before_s is not None else 0.0
         self._before_s = now_s
         self._values.take()
+        if self._parts is not None:
+            for part in self._parts.update(self._values.triggered, now_s):
+                self._say(f"the clip has no part '{part[:100]}'")
         for body in self.bodies.values():
             self._effects.apply(self._values, body.core)
             if news := body.follow(now_s, seconds):
                 self._say(news)
         for name in self._worn:
             values = self.values(name, now_s)
+            if self._parts is not None:
+                device, gain = self._worn[name].device, self._values.gain
+                rows = [weakened(row, gain, device) for row in self._parts.values(name, now_s)]
+                values = strongest([values, *rows], device)
             client.send(name, values)
             self.recorded[name].append((time_s, values))
 
@@ -188,6 +200,7 @@ class _Effects:
         self._names = texts_at(sections, records["name"])
         modalities = list(MODALITIES.values())
         self._parameters = [modalities[int(m)].parameter_names for m in records["modality"]]
+        self._matrices = records["matrix"].astype(np.float64).reshape(-1, 3, 4)
         # As the core begins: volumes on, painted areas off.
         self._factors = [0.0 if kind else 1.0 for kind in records["kind"]]
 
@@ -201,3 +214,34 @@ class _Effects:
             for k, names in enumerate(self._parameters):
                 if self._names[k] == name and parameter in names[:4]:
                     core.set_parameter(k, names.index(parameter), value)
+        moved = {name for name, parameter in values.vectors if parameter in TRANSFORM}
+        for k, name in enumerate(self._names):
+            if name in moved:
+                vectors = {
+                    t: values.vectors[name, t] for t in TRANSFORM if (name, t) in values.vectors
+                }
+                core.set_volume(k, placed(self._matrices[k], **vectors))
+
+
+TRANSFORM: Final = ("location", "rotation_euler", "scale")
+
+
+def placed(
+    matrix: F64,
+    location: tuple[float, ...] | None = None,
+    rotation_euler: tuple[float, ...] | None = None,
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0),
+) -> F64:
+    """Matrix (3, 4) of a volume with another place in metres and another rotation, radians about X,
+    then Y, then Z; None keeps each. ``scale``: factors of the size along the local axes."""
+    sizes = np.linalg.norm(matrix[:, :3], axis=0)
+    if rotation_euler is None:
+        turned = matrix[:, :3]
+    else:
+        (cx, cy, cz), (sx, sy, sz) = np.cos(rotation_euler), np.sin(rotation_euler)
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
+        about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
+        about_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
+        turned = about_z @ about_y @ about_x * sizes
+    place = matrix[:, 3] if location is None else np.array(location)
+    return np.column_stack([turned * np.array(scale), place])

@@ -15,7 +15,9 @@ class LiveValues:
     """Newest values of a receiver.
 
     ``gain``: of all devices, 0 to 1; 0 while muted.
-    ``intensities``, ``muted``: by effect; ``parameters``: by effect and parameter.
+    ``intensities``, ``muted``: by effect; ``parameters``, and ``vectors`` of three numbers: by
+    effect and parameter.
+    ``triggered``: names of clips started by the last :meth:`take`.
     ``ignored``: messages without a known address or a valid value.
     """
 
@@ -25,6 +27,8 @@ class LiveValues:
     intensities: dict[str, float] = field(default_factory=dict)
     muted: dict[str, bool] = field(default_factory=dict)
     parameters: dict[tuple[str, str], float] = field(default_factory=dict)
+    vectors: dict[tuple[str, str], tuple[float, ...]] = field(default_factory=dict)
+    triggered: list[str] = field(default_factory=list)
     ignored: int = 0
 
     @classmethod
@@ -43,6 +47,7 @@ class LiveValues:
     def take(self) -> list[ValueChange]:
         """Apply the newest messages; returns the changes in order of arrival."""
         changes = []
+        self.triggered = []
         for message, _ in self.receiver.take() if self.receiver else ():
             change = change_of(message)
             if change is None:
@@ -56,6 +61,8 @@ class LiveValues:
                     self.overall = change.value
             elif change.target == "effect":
                 self._change_effect(change)
+            elif change.target == "clip" and change.value:
+                self.triggered.append(change.name)
         return changes
 
     def close(self) -> None:
@@ -64,7 +71,9 @@ class LiveValues:
             self.receiver.close()
 
     def _change_effect(self, change: ValueChange) -> None:
-        if change.parameter == "intensity":
+        if change.vector:
+            self.vectors[change.name, change.parameter] = change.vector
+        elif change.parameter == "intensity":
             self.intensities[change.name] = change.value
         elif change.parameter == "mute":
             self.muted[change.name] = bool(change.value)

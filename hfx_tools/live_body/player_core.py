@@ -94,6 +94,11 @@ class CoreBody:
         """Set a parameter of an effect by its index in the modality, in its unit."""
         self._core.hfx_body_set_parameter(self._self, effect, parameter, ctypes.c_double(value))
 
+    def set_volume(self, effect: int, matrix: npt.NDArray[np.float64]) -> None:
+        """Place a volume by its matrix (3, 4) from the unit shape to the world, metres."""
+        row = np.ascontiguousarray(matrix, np.float32)
+        self._core.hfx_body_set_volume(self._self, effect, row.ctypes.data_as(ctypes.c_void_p))
+
     def _check(self, error: int, name: str) -> None:
         if error:
             raise InputError(f"{name}: {self._core.hfx_error_text(error).decode()}.")

@@ -13,20 +13,37 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 from hfx_blender.cli import run
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.body.model import load_model, load_skeleton
+from hfx_blender.engine.rendering.render import render
+from hfx_blender.engine.scene import (
+    BodyDescription,
+    Clip,
+    EffectDescription,
+    PaintedArea,
+    SceneDescription,
+    SkinBinding,
+    TimeBase,
+)
+from hfx_blender.engine.track import TrackHeader
 from hfx_blender.errors import HfxError, InputError, UsageError
+from hfx_blender.formats.clip.clip_writer import write
 from hfx_blender.tracking.osc_packets import OscMessage
 from hfx_blender.tracking.receiver import OscReceiver, ReceivedMessage
 from hfx_tools.live_body import player_core
-from hfx_tools.live_body.felt_bodies import FeltBodies
+from hfx_tools.live_body.felt_bodies import FeltBodies, placed
 from hfx_tools.live_body.live_values import LiveValues
+from hfx_tools.live_body.triggered_parts import TriggeredParts, strongest
 
 HIPS = OscMessage("/VMC/Ext/Bone/Pos", ("Hips", *[0.0] * 6, 1.0))
 SILENT = [0.0, 160.0, 0.0, 160.0]
@@ -107,6 +124,69 @@ def test_a_lost_sender_fades_within_two_seconds_and_comes_back(clip: Path) -> No
         "body 'Anna' lost its sender and fades to silence",
         "body 'Anna' is tracked",
     ]
+
+
+def test_a_volume_is_placed_turned_and_scaled() -> None:
+    # Half edges 1, 2, 3 at (5, 6, 7).
+    matrix = np.column_stack([np.diag([1.0, 2.0, 3.0]), [5.0, 6.0, 7.0]])
+    quarter = np.pi / 2
+    assert placed(matrix, location=(0.0, 0.0, 1.0))[:, 3].tolist() == [0.0, 0.0, 1.0]
+    assert placed(matrix, scale=(2.0, 1.0, 1.0))[:, 0].tolist() == [2.0, 0.0, 0.0]
+    # About X takes Z to -Y; then about Z takes -Y to X.
+    turned = placed(matrix, rotation_euler=(quarter, 0.0, quarter))
+    assert turned[:, 2] == pytest.approx([3.0, 0.0, 0.0], abs=1e-12)
+    assert turned[:, 3].tolist() == [5.0, 6.0, 7.0]
+
+
+def test_a_vector_moves_the_volume_of_the_core(clip: Path) -> None:
+    stage, moved = Stage(clip), {}
+    for body in stage.bodies.bodies.values():
+        body.core.set_volume = lambda k, matrix: moved.update({k: matrix[:, 3].tolist()})  # type: ignore[method-assign]
+    message = OscMessage("/hfx/effect/Hit%20%231/location", (1.0, 2.0, 3.0))
+    stage.control.waiting.append(ReceivedMessage(message, 0.0))
+    stage.step()
+    assert moved == {0: [1.0, 2.0, 3.0]}
+
+
+def test_a_triggered_part_is_the_stronger_value_of_an_actuator() -> None:
+    device = load_device("oculus_touch")
+    rows = [np.array([1.0, 160.0, 5.0, 160.0]), np.array([2.0, 90.0, 4.0, 70.0])]
+    assert strongest(rows, device).tolist() == [2.0, 90.0, 5.0, 160.0]
+
+
+def named_clip(folder: Path) -> Path:
+    """Clip of 16 rows, 20 a second from 1 s on, whose left controller has as many m/s^2 as the
+    row's number; rows 4 to 7 are named Strike."""
+    device = load_device("oculus_touch")
+    model = load_model("hfx-vibration-1")
+    area = PaintedArea("b", np.array([0], np.int32), np.ones(1, np.float32))
+    scene = SceneDescription(
+        TimeBase(Fraction(20), Fraction(20), 0, 20, 35),
+        (BodyDescription("b", "Anna", SkinBinding(load_skeleton().bone_names)),),
+        (EffectDescription("e", "Hit", "vibration", model.id, area),),
+    )
+    header = TrackHeader.of(scene, {model.id: model}, settings={}, tools={})
+    effect = replace(header.effects[0], clips=(Clip("Strike", 24.0, 27.0),))
+    values = np.tile(device.neutral, (16, 1))
+    values[:, 0] = range(16)
+    raster = replace(render(header, [], device), values=values)
+    (path,) = write(replace(header, effects=(effect,)), [(device, raster)], folder / "n").files
+    return path
+
+
+def test_a_part_of_the_clip_plays_once_from_its_trigger(tmp_path: Path) -> None:
+    """The scene has 0.8 s of 20 rows a second; the part "Strike" is 0.2 to 0.4 s."""
+    device = load_device("oculus_touch")
+    path = named_clip(tmp_path)
+    parts = TriggeredParts(path, {"pad": (device, None)})
+    assert parts.update(["Strike", "Nothing"], 50.0) == ["Nothing"]
+    shown = []
+    for step in range(5):
+        parts.update([], 50.0 + 0.05 * step)
+        shown.append([row[0] for row in parts.values("pad", 50.0 + 0.05 * step)])
+    # Rows 4 to 7 have 4, 5, 6, 7 m/s^2; then the part is over.
+    assert shown[:4] == [[pytest.approx(x, abs=1e-3)] for x in (4.0, 5.0, 6.0, 7.0)]
+    assert shown[4] == []
 
 
 def test_faults_are_one_sentence(clip: Path, tmp_path: Path) -> None:
