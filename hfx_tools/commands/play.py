@@ -93,12 +93,12 @@ def add_parser(commands: Any) -> None:
     add_json(parser, run)
 
 
-def add_output_arguments(parser: argparse.ArgumentParser) -> None:
+def add_output_arguments(parser: argparse.ArgumentParser, *, needs_device: bool = True) -> None:
     """Add the options of devices and their outputs."""
     parser.add_argument(
         "--device",
         action="append",
-        required=True,
+        required=needs_device,
         metavar="NAME",
         help="device by name or file ('hfx device list'); repeat it for more",
     )

@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 from pathlib import Path
 from typing import Any
 
 from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
+
+from . import study_run
 
 
 def add_parser(commands: Any) -> None:
@@ -24,7 +27,14 @@ def add_parser(commands: Any) -> None:
         "plan", metavar="PLAN", help="a .json, or a shipped plan: mango96, textile-pse, board"
     )
     sub.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="new folder")
+    sub.add_argument(
+        "--device",
+        action="append",
+        metavar="NAME",
+        help="render stimuli for this device now (default: of the plan; else at the first run)",
+    )
     add_json(sub, _make)
+    study_run.add_parser(actions)
     sub = actions.add_parser("delete", help="delete all data of a participant")
     _add_folder(sub)
     sub.add_argument("participant", metavar="NN", help="number of the participant")
@@ -37,13 +47,27 @@ def _add_folder(parser: argparse.ArgumentParser) -> None:
 
 def _make(options: argparse.Namespace, console: Console) -> int:
     from ..study import folder
+    from ..study.plan import read_plan
+    from ..study.stimuli import StimulusLibrary, devices_of
+    from ..study.stimulus_rendering import kind_of
 
     study = folder.make(options.plan, options.output)
+    # Takes are named relative to the original plan.
+    study.plan = read_plan(options.plan)
+    count = 0
+    try:
+        if options.device or study.plan.device or kind_of(study.plan) == "file":
+            devices = devices_of(study.plan, options.device or ())
+            progress = console.progress("stimuli")
+            count = len(StimulusLibrary(study, devices, progress))
+    except BaseException:
+        shutil.rmtree(options.output, ignore_errors=True)
+        raise
     training, trials = study.trials(folder.label_of(1))
     plan = study.plan
     console.say(
         f"{options.output}: {plan.participants} participants, {len(trials)} trials each, "
-        f"{len(training)} of training"
+        f"{len(training)} of training, {count} stimuli"
     )
     console.result(
         {
@@ -51,6 +75,7 @@ def _make(options: argparse.Namespace, console: Console) -> int:
             "participants": plan.participants,
             "trials": len(trials),
             "training": len(training),
+            "stimuli": count,
         }
     )
     return 0

@@ -113,7 +113,7 @@ class PageOutput:
         self._number, self._text = 0, ""  # of the newest message
         self._is_closed = False
         text = _PAGE.read_text(encoding="utf-8")
-        self._page, self._policy = text.encode(), _policy(text)
+        self._page, self._policy = text.encode(), content_policy(text)
         self._listener = _listening(host, port)
         number = self._listener.getsockname()[1]
         self._origin = f"http://{f'[{host}]' if ':' in host else host}:{number}"
@@ -268,7 +268,7 @@ def _listening(host: str, port: int | None) -> socket.socket:
     raise OutputLostError(f"{host}:{port or PORT} cannot be opened ({reason}).")
 
 
-def _policy(page: str) -> str:
+def content_policy(page: str) -> str:
     """Content security policy: the page's own script and style, by their hashes, no more."""
     hashes = {
         tag: base64.b64encode(
