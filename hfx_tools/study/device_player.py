@@ -11,11 +11,11 @@ from typing import Final
 import numpy as np
 
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.track_playback import fault_of
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.errors import DeviceError
 from hfx_blender.processes.process_end import check
 
+from ..commands.playback_loop import fault_of
 from .stimuli import Stimulus
 
 _READY_S: Final = 60.0
