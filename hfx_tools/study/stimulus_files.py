@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import Final
 
 import numpy as np
 
+from hfx_blender.engine.arrays import F64
+from hfx_blender.engine.rendering.conditioning.actuator_limits import limited
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Raster, columns_of
 from hfx_blender.engine.track import TrackReader
@@ -18,7 +21,6 @@ from hfx_blender.files import resources
 from hfx_blender.files.staging import temporary_folder
 
 from .plan import Conditions, Plan, as_text
-from .stimulus_rendering import raster_of, take_path
 
 SUFFIXES: Final = (".hfxtrack", ".hfxclip", ".csv", ".blend")
 _SENSATION: Final = ".hfxeffect"
@@ -130,4 +132,42 @@ def _sensation_path(plan: Plan, name: str) -> Path:
     shipped = sorted(path.stem for path in folders[-1].glob(f"*{_SENSATION}"))
     raise InputError(
         f"{plan.path}: effect is '{name[:60]}', allowed is one of {', '.join(shipped)}."
+    )
+
+
+def take_path(plan: Plan, conditions: Conditions) -> Path:
+    """File of a take, relative to the plan: the value of "take", or "path" of the stimulus with
+    values of factors in braces."""
+    pattern = str(plan.stimulus.get("path", "{take}"))
+    names = set(re.findall(r"\{(\w+)\}", pattern))
+    if names - conditions.keys():
+        missing = ", ".join(sorted(names - conditions.keys()))
+        raise InputError(
+            f"{plan.path}: stimulus.path is '{pattern}', but there is no factor {missing}."
+        )
+    filled = re.sub(r"\{(\w+)\}", lambda match: as_text(conditions[match[1]]), pattern)
+    return plan.path.parent / filled
+
+
+def raster_of(device: DeviceConfig, values: F64, rate_hz: Fraction) -> Raster:
+    """Raster of values (T, columns) within the limits of the device's actuators, from time 0."""
+    controls = device.controls
+    for part in device.actuator_columns:
+        values[:, part] = limited(
+            values[:, part],
+            [control.lowest for control in controls[part]],
+            [control.highest for control in controls[part]],
+            [control.neutral for control in controls[part]],
+        )
+    return Raster(
+        device.id,
+        "",
+        tuple(actuator.id for actuator in device.actuators),
+        columns_of(device),
+        np.arange(len(values)) / float(rate_hz),
+        rate_hz,
+        values,
+        device.neutral,
+        (),
+        (),
     )

@@ -12,7 +12,6 @@ import re
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -20,13 +19,13 @@ import numpy as np
 from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.rendering.conditioning.actuator_limits import limited
 from hfx_blender.engine.rendering.device_config import BodyPlace, DeviceConfig, Scheme
-from hfx_blender.engine.rendering.raster import Raster, columns_of
+from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.rendering.schemes import panned_layout
 from hfx_blender.errors import InputError
 
 from .plan import Conditions, Plan, Value, as_text
+from .stimulus_files import file_raster, raster_of
 
 COMPASS: Final = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 _LAWS: Final = {"linear": "linear", "log": "log", "logarithmic": "log", "power": "power"}
@@ -79,8 +78,6 @@ def rendered(plan: Plan, conditions: Conditions, device: DeviceConfig) -> Raster
     device = _with_scheme(device, settings.get("scheme"), plan)
     kind = kind_of(plan)
     if kind == "file":
-        from .stimulus_files import file_raster
-
         is_cut = "duration_ms" in {**plan.stimulus, **conditions}
         has_strength = not _COMMON.isdisjoint(
             {**plan.stimulus, **conditions}.keys() - {"device", "duration_ms"}
@@ -98,30 +95,6 @@ def rendered(plan: Plan, conditions: Conditions, device: DeviceConfig) -> Raster
         device, check, count, rate_hz
     )
     return raster_of(device, values, Fraction(rate_hz).limit_denominator(1001))
-
-
-def raster_of(device: DeviceConfig, values: F64, rate_hz: Fraction) -> Raster:
-    """Raster of values (T, columns) within the limits of the device's actuators, from time 0."""
-    controls = device.controls
-    for part in device.actuator_columns:
-        values[:, part] = limited(
-            values[:, part],
-            [control.lowest for control in controls[part]],
-            [control.highest for control in controls[part]],
-            [control.neutral for control in controls[part]],
-        )
-    return Raster(
-        device.id,
-        "",
-        tuple(actuator.id for actuator in device.actuators),
-        columns_of(device),
-        np.arange(len(values)) / float(rate_hz),
-        rate_hz,
-        values,
-        device.neutral,
-        (),
-        (),
-    )
 
 
 class _Checked:
@@ -309,17 +282,3 @@ def _scaled(device: DeviceConfig, values: F64, share: float) -> F64:
     neutral = device.neutral[columns]
     scaled[:, columns] = neutral + share * (values[:, columns] - neutral)
     return scaled
-
-
-def take_path(plan: Plan, conditions: Conditions) -> Path:
-    """File of a take, relative to the plan: the value of "take", or "path" of the stimulus with
-    values of factors in braces."""
-    pattern = str(plan.stimulus.get("path", "{take}"))
-    names = set(re.findall(r"\{(\w+)\}", pattern))
-    if names - conditions.keys():
-        missing = ", ".join(sorted(names - conditions.keys()))
-        raise InputError(
-            f"{plan.path}: stimulus.path is '{pattern}', but there is no factor {missing}."
-        )
-    filled = re.sub(r"\{(\w+)\}", lambda match: as_text(conditions[match[1]]), pattern)
-    return plan.path.parent / filled
