@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import secrets
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
@@ -235,6 +237,9 @@ def connect(
             f"Open http://{output['host']}:{output['port']} on the phone and type "
             f"{output['code']}; playback begins then"
         )
+        if sys.stdout.isatty() and not options.json:
+            for line in qr_code(f"http://{output['host']}:{output['port']}", sys.stdout.encoding):
+                write_note(line)
     client.connect(
         name,
         Path(name).absolute() if is_file(name) else name,
@@ -244,6 +249,20 @@ def connect(
         offset_ms=settings.offset_ms,
     )
     return settings.offset_ms
+
+
+def qr_code(address: str, encoding: str) -> list[str]:
+    """Lines of a QR code for a terminal with light text, two rows of the code in each line; empty
+    for an encoding without block characters."""
+    import segno
+
+    text = io.StringIO()
+    segno.make(address, micro=False).terminal(text, border=2, compact=True)
+    try:
+        text.getvalue().encode(encoding)
+    except UnicodeEncodeError:
+        return []
+    return text.getvalue().splitlines()
 
 
 def check_outputs(options: argparse.Namespace, names: list[str]) -> None:

@@ -59,6 +59,7 @@ BHAPTICS = {
     "encoder": {"kind": "bhaptics", "dots": DOTS},
     "transport": {"kind": "websocket", "port": 15882},
 }
+SECOND_SDK = {"encoder": {"kind": "bhaptics", "sdk": 2, "dots": DOTS}}
 GOOD = {
     "wire": (WIRE, OutputConfig(WireEncoder(), SerialTransport(57600))),
     "bytes": (
@@ -94,6 +95,13 @@ GOOD = {
         BHAPTICS,
         OutputConfig(
             BhapticsEncoder((("ForearmL", 0), ("ForearmL", 1), ("ForearmL", 2))),
+            WebsocketTransport("127.0.0.1", 15882),
+        ),
+    ),
+    "second sdk": (
+        SECOND_SDK,
+        OutputConfig(
+            BhapticsEncoder((("ForearmL", 0), ("ForearmL", 1), ("ForearmL", 2)), sdk=2),
             WebsocketTransport("127.0.0.1", 15882),
         ),
     ),

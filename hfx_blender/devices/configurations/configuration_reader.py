@@ -359,7 +359,10 @@ def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
         return OutputConfig(encoder, SerialTransport(transport.get("baud", 115200)))
     # A board of VRC Haptics without a host is found by its announcements.
     default = "" if kind == "vrc-haptics" else "127.0.0.1"
-    host, port = transport.get("host", default), transport.get("port", _PORTS[kind])
+    usual_port = _PORTS[kind]
+    if isinstance(encoder, BhapticsEncoder):
+        usual_port += encoder.sdk - 1  # the Player's port for each SDK
+    host, port = transport.get("host", default), transport.get("port", usual_port)
     if host and not is_local(host):
         transport["host"].fail(LOCAL)
     is_udp = TRANSPORT_OF[kind] == "udp"
@@ -407,7 +410,8 @@ def _encoder(node: Node, kind: str, actuators: tuple[Actuator, ...]) -> Encoder:
         return ButtplugEncoder(node.get("device_name", ""), outputs)
     if kind == "bhaptics":
         _one_for_each(node["dots"], len(actuators))
-        return BhapticsEncoder(tuple((dot["position"], dot["index"]) for dot in node.get("dots")))
+        dots = tuple((dot["position"], dot["index"]) for dot in node.get("dots"))
+        return BhapticsEncoder(dots, node.get("sdk", 1))
     if len(actuators) > MAX_CHANNELS[kind]:
         node.fail(f"another encoder: this one takes {MAX_CHANNELS[kind]} actuators at most")
     for actuator in actuators:  # a board that falls silent sets its pins to 0

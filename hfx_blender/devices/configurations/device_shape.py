@@ -340,7 +340,10 @@ _ENCODERS: Final[Mapping[str, tuple[str, Shape]]] = {
     ),
     "bhaptics": (
         "websocket",
-        strict({"dots": Items(tagged("position", _DOTS), 1, MAX_ACTUATORS, order="unique")}),
+        strict(
+            {"dots": Items(tagged("position", _DOTS), 1, MAX_ACTUATORS, order="unique")},
+            {"sdk": Number(is_whole=True, choices=(1, 2))},
+        ),
     ),
 }
 

@@ -126,8 +126,11 @@ def _identities_of_part(
             return (Identity(f"vrc-haptics {label}", numbers),)
         host = computer(str(target.get("host", getattr(transport, "host", ""))))
         port_number = target.get("port", getattr(transport, "port", ""))
+        how = device.output.encoder
+        if isinstance(how, BhapticsEncoder) and isinstance(port_number, int):
+            port_number -= how.sdk - 1  # both ports are of one Player
         name = f"{kind} {host}:{port_number} {label}".rstrip()
-        return (Identity(name, _network_slots(device, device.output.encoder)),)
+        return (Identity(name, _network_slots(device, how)),)
     if kind == "audio":
         first = target.get("first_channel", 1)
         vibrating = [a.type.modality == "vibration" for a in device.actuators]

@@ -188,3 +188,10 @@ def vibrating(device: DeviceConfig, amplitude_m_s2: float, frequency_hz: float) 
         if actuator.type.modality == "vibration":
             values[part] = amplitude_m_s2, frequency_hz
     return values.tolist()
+
+
+def page_of(unit: str) -> tuple[str, str]:
+    """Address without scheme, and code, of a web page from the label of its output; the code is ""
+    for other outputs."""
+    address, _, code = unit.removeprefix("http://").partition(" code ")
+    return address, code

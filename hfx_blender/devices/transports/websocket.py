@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Websocket client for text messages, without TLS; never blocks after the opening.
+"""Websocket client for text messages; never blocks after the opening.
 
 ``websockets`` encodes and decodes frames. Its connections are not used, as calls may block and
 proxies of the environment are used. A thread answers pings and receives messages; text without
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import select
 import socket
+import ssl
 import threading
 import time
 from collections.abc import Callable
@@ -39,6 +40,7 @@ _STALLED: Final = "the server does not read any more"
 _UPKEEP_S: Final = 0.05
 # Bytes that are read at once; small, so that few pongs follow.
 _RECEIVED: Final = 4096
+_LATER: Final = (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
 
 class WebSocket:
@@ -47,6 +49,7 @@ class WebSocket:
     ``path``: path and query.
     ``on_text``: takes each message, in the thread of this object.
     ``on_tick``: called about 20 times a second, in the thread of this object.
+    ``tls``: encrypt, without a check of the certificate: local servers sign their own.
 
     Raises OutputLostError: the server does not answer within :data:`OPEN_S`, or not as a websocket
     server.
@@ -59,8 +62,9 @@ class WebSocket:
         path: str,
         on_text: Callable[[str], None],
         on_tick: Callable[[], None] = lambda: None,
+        tls: bool = False,
     ) -> None:
-        self.name = f"ws://{f'[{host}]' if ':' in host else host}:{port}"
+        self.name = f"{'wss' if tls else 'ws'}://{f'[{host}]' if ':' in host else host}:{port}"
         self._on_text = on_text
         self._on_tick = on_tick
         self._lock = threading.Lock()  # of the protocol and the unsent bytes
@@ -78,6 +82,10 @@ class WebSocket:
             raise OutputLostError(f"{self.name} does not answer ({error}).") from None
         try:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            if tls:
+                context = ssl.create_default_context()
+                context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+                self._socket = context.wrap_socket(self._socket)
             self._shake_hands()
             self._socket.setblocking(False)
         except OSError as error:
@@ -178,7 +186,7 @@ class WebSocket:
         while self._waiting:
             try:
                 sent = self._socket.send(self._waiting)
-            except BlockingIOError:
+            except _LATER:
                 return
             except OSError as error:
                 self._lost = self._lost or f"the connection is lost ({error})"
@@ -193,10 +201,15 @@ class WebSocket:
         while not self._is_closed and not self._lost:
             try:
                 writing = [self._socket] if self._waiting else []
-                readable, _, _ = select.select([self._socket], writing, [], _UPKEEP_S)
-                content = self._socket.recv(_RECEIVED) if readable else b""
+                # TLS decrypts more at once than is read: the rest waits inside of the socket.
+                tls = self._socket if isinstance(self._socket, ssl.SSLSocket) else None
+                wait_s = 0.0 if tls and tls.pending() else _UPKEEP_S
+                readable, _, _ = select.select([self._socket], writing, [], wait_s)
+                with self._lock:  # a TLS socket takes one call at a time
+                    is_read = readable or not wait_s
+                    content = self._socket.recv(_RECEIVED) if is_read else b""
                 self._take(content)
-                if readable and not content:
+                if is_read and not content:
                     self._is_left = True
                     self._lost = self._lost or "the connection was closed by the server"
                     continue
@@ -204,7 +217,7 @@ class WebSocket:
                 # A server that reads nothing would let a stop wait for ever.
                 if self._waiting and time.monotonic() - self._moved_s > STALLED_S:
                     self._lost = _STALLED
-            except BlockingIOError:
+            except _LATER:
                 continue
             except OutputLostError as error:
                 self._lost = self._lost or str(error).rstrip(".")

@@ -278,9 +278,10 @@ _OTHER_SIDE: Final = {
 
 @dataclass(frozen=True)
 class BhapticsEncoder:
-    """Frames for the bHaptics Player (SDK1 messages)."""
+    """Frames for the bHaptics Player."""
 
     dots: tuple[tuple[str, int], ...]  # for each actuator: position, index
+    sdk: int = 1  # messages of the first or second SDK
 
     def worn_dots(self, *, is_mirrored: bool) -> tuple[tuple[str, int], ...]:
         """Dots as configured or, if mirrored, of the opposite position (L for R)."""

@@ -117,6 +117,7 @@ def _draw_device(
     """Draw a device's name, facts, buttons and state; while playing, a button for each actuator
     with its value, which sends a test pulse."""
     from ...devices.configurations.device_facts import facts_of
+    from ...devices.live.live_settings import page_of
 
     facts, state = facts_of(item.name), live.state(item.name)
     row = box.row(align=True)
@@ -143,6 +144,13 @@ def _draw_device(
         return
     text, icon = STATES[state.state]
     detail = state.text or state.unit
+    address, code = page_of(state.unit)
+    if code:
+        detail = state.text
+        column = box.column(align=True)
+        column.scale_y = 1.5
+        column.label(text=address, icon="URL", translate=False)
+        column.label(text=code, icon="LOCKED", translate=False)
     draw_text(context, box, f"{text}: {detail}" if detail else text, icon)
     device = live.device(item.name)
     if device is not None:

@@ -19,3 +19,9 @@ def test_feel_on_a_phone_adds_the_phone_and_serves_a_page(scene, monkeypatch) ->
     ((name, settings),) = targets
     assert (name, settings.kind, settings.host) == ("phone_lra", "PAGE", "127.0.0.1")
     assert stored == ["phone_lra"]
+
+
+def test_address_and_code_are_lines_of_the_panel() -> None:
+    unit = "http://192.168.1.5:8137 code 042137"
+    assert live_settings.page_of(unit) == ("192.168.1.5:8137", "042137")
+    assert live_settings.page_of("Lovense Lush (left)")[1] == ""
