@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Test the command with each supported Blender: ``python release/blender_range.py [--suite]``.
+"""Test each supported Blender: ``python release/blender_range.py [--suite]``.
 
 Makes an environment for each module ``bpy`` with the NumPy of that Blender, and runs the demo. The
-files of devices must equal those of the first version to the byte. ``--suite`` runs the tests, too.
-Writes the table of ``README.md`` if no ``--version`` is chosen.
+files of devices must equal those of the first version to the byte. ``--suite`` also runs the tests
+inside Blender, ``tests/blender``. The rows of the tested versions are replaced in two tables: of
+results in ``README.md``, and of skipped tests in ``docs/install.md``.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,19 +27,18 @@ if not __package__:  # run as a program
 import build_addon
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "README.md"
 _TABLE = re.compile(r"(?<=<!-- blender range -->\n).*?(?=<!-- end -->)", re.DOTALL)
 
 
 class Version(NamedTuple):
-    """Versions of a test environment: PyPI's module ``bpy`` and the packages beside the module.
+    """A Blender with its Python and the packages of its test environment.
 
     Attributes
     ----------
     bpy : str
-        Release of Blender, three numbers.
+        Release of PyPI's module ``bpy``: the Blender's version, three numbers.
     python : str
-        Python of the release, two numbers.
+        Python of this Blender, two numbers.
     numpy : str
         NumPy inside blender.org's Blender of the release.
     scipy : str
@@ -61,18 +62,44 @@ VERSIONS = (
 )
 
 
+class Suite(NamedTuple):
+    """Results of the tests inside a Blender.
+
+    ``counts`` are numbers of tests by outcome, in pytest's words ("passed", "failed", "errors").
+    ``skipped`` are numbers of skipped tests by reason.
+    """
+
+    counts: dict[str, int]
+    skipped: dict[str, int]
+
+    @property
+    def is_good(self) -> bool:
+        """Test for passed and skipped tests only, with one passed test at least."""
+        return self.counts.get("passed", 0) > 0 and self.counts.keys() <= {"passed", "skipped"}
+
+    def __str__(self) -> str:
+        return ", ".join(f"{n:,} {outcome}" for outcome, n in self.counts.items()) or "no test"
+
+
 class Result(NamedTuple):
-    """Result of a version; the suite's summary is empty if the suite did not run."""
+    """Results of a Blender; ``suite`` is None if the tests did not run."""
 
     demo: str
-    suite: str
+    is_equal: bool
+    suite: Suite | None
+
+    @property
+    def is_good(self) -> bool:
+        """Test for equal files of the demo and no failed test."""
+        return self.is_equal and (self.suite is None or self.suite.is_good)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--suite", action="store_true", help="run the tests, too (hours)")
+    parser.add_argument("--suite", action="store_true", help="also run tests/blender (hours)")
+    parser.add_argument("--processes", default="2", metavar="N", help="of tests (default: 2)")
     parser.add_argument(
         "--version",
         action="append",
@@ -84,31 +111,37 @@ def main() -> int:
         default="python{}",
         help="interpreters, {} for the version (default: %(default)s)",
     )
+    parser.add_argument(
+        "--environments",
+        type=Path,
+        metavar="FOLDER",
+        help="keep the environments here, and use those of an earlier run (default: temporary)",
+    )
     options = parser.parse_args()
     chosen = [v for v in VERSIONS if not options.version or v.bpy in options.version]
     results: dict[Version, Result] = {}
     expected: dict[str, str] = {}
     with tempfile.TemporaryDirectory(prefix="hfx_range_") as folder:
         for version in chosen:
-            work = Path(folder, version.bpy)
-            python = environment(version, options.python.format(version.python), work)
-            files = demo_files(python, work / "demo")
+            home = (options.environments or Path(folder, "environments")).absolute() / version.bpy
+            python = environment(version, options.python.format(version.python), home)
+            files = demo_files(python, Path(folder, version.bpy))
             expected = expected or files
             differing = sorted(name for name in expected if files.get(name) != expected[name])
             demo = f"{len(files)} files, equal" if not differing else f"differs: {differing}"
-            summary = suite(python) if options.suite else ""
-            results[version] = Result(demo, summary)
-            build_addon.say(f"Blender {version.bpy}: demo {demo}; {summary or 'tests did not run'}")
-    if not options.version:
-        text = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(_TABLE.sub(lambda _: table(results), text), encoding="utf-8")
-    return int(any("equal" not in result.demo for result in results.values()))
+            tests = run_suite(python, options.processes) if options.suite else None
+            results[version] = Result(demo, not differing, tests)
+            build_addon.say(f"Blender {version.bpy}: demo {demo}; tests {tests or 'did not run'}")
+    write_tables(results, ROOT)
+    return int(not all(result.is_good for result in results.values()))
 
 
 def environment(version: Version, interpreter: str, folder: Path) -> Path:
-    """Make an environment with the project and the given Blender; returns its interpreter."""
-    subprocess.run([interpreter, "-m", "venv", str(folder)], check=True)
+    """Make an environment with the project and a Blender, unless it exists; returns its Python."""
     python = folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+    if python.exists():
+        return python
+    subprocess.run([interpreter, "-m", "venv", str(folder)], check=True)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     own = [f"bpy=={version.bpy}", f"numpy=={version.numpy}", f"scipy=={version.scipy}"]
     others = [
@@ -130,27 +163,65 @@ def demo_files(python: Path, folder: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(paths)}
 
 
-def suite(python: Path) -> str:
-    """Run the tests; returns the last line of their output."""
-    command = [str(python), "-m", "pytest", "-q", "-n", "2", "-p", "no:cacheprovider"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    lines = done.stdout.strip().splitlines()
-    for line in lines:
+def run_suite(python: Path, processes: str) -> Suite:
+    """Run ``tests/blender``, and print the failures."""
+    command = [
+        str(python),
+        "-m",
+        "pytest",
+        "-q",
+        "-rfEs",
+        "-n",
+        processes,
+        "-p",
+        "no:cacheprovider",
+    ]
+    done = subprocess.run([*command, "tests/blender"], cwd=ROOT, capture_output=True, text=True)
+    for line in done.stdout.splitlines():
         if line.startswith(("FAILED", "ERROR")):
             build_addon.say(line)
-    return re.sub(r" in [\d.]+s.*", "", lines[-1]).strip("= ") if lines else "no output"
+    return suite_of(done.stdout)
 
 
-def table(results: dict[Version, Result]) -> str:
-    """Markdown table of the results, in order of the versions."""
-    head = "| Blender | Python, NumPy, SciPy | demo | tests |\n|---|---|---|---|\n"
-    return head + "".join(
-        f"| {v.bpy} | {v.python}, {v.numpy}, {v.scipy} | {result.demo} | {result.suite or '-'} |\n"
-        for v, result in sorted(results.items(), key=lambda item: _numbers(item[0].bpy))
-    )
+def suite_of(output: str) -> Suite:
+    """Read the output of ``pytest -q -rs``; no counts without the summary of a complete run."""
+    last = output.strip().rpartition("\n")[2]
+    counts = re.findall(r"(\d+) (\w+)", last.partition(" in ")[0]) if " in " in last else []
+    skipped: Counter[str] = Counter()
+    for number, reason in re.findall(r"^SKIPPED \[(\d+)\] \S+: (.*)$", output, re.MULTILINE):
+        skipped[reason] += int(number)
+    return Suite({outcome: int(number) for number, outcome in counts}, dict(skipped))
 
 
-def _numbers(version: str) -> Sequence[int]:
+def write_tables(results: Mapping[Version, Result], folder: Path) -> None:
+    """Replace the rows of the tested versions in two pages of the project's ``folder``; other rows
+    stay, sorted by version. Without a suite the page of skipped tests is unchanged."""
+    rows = {
+        v.bpy: f"| {v.bpy} | {v.python}, {v.numpy}, {v.scipy} | {r.demo} | {r.suite or '-'} |\n"
+        for v, r in results.items()
+    }
+    head = "| Blender | Python, NumPy, SciPy | demo | tests inside Blender |\n|---|---|---|---|\n"
+    _write_rows(folder / "README.md", head, rows)
+    skipped_rows = {}
+    for version, result in results.items():
+        if result.suite is not None:
+            reasons = "; ".join(f"{n}: {reason}" for reason, n in result.suite.skipped.items())
+            skipped_rows[version.bpy] = f"| {version.bpy} | {reasons or '-'} |\n"
+    head = "| Blender | skipped tests: reason |\n|---|---|\n"
+    _write_rows(folder / "docs" / "install.md", head, skipped_rows)
+
+
+def _write_rows(page: Path, head: str, rows: Mapping[str, str]) -> None:
+    """Write a page's table with ``rows`` by version; the page's rows of further versions stay."""
+    text = page.read_text(encoding="utf-8")
+    lines = "".join(_TABLE.findall(text)).splitlines(keepends=True)
+    present = {line.split()[1]: line for line in lines if re.match(r"\| \d", line)}
+    merged = sorted({**present, **rows}.items(), key=lambda item: _numbers(item[0]))
+    table = head + "".join(row for _, row in merged)
+    page.write_text(_TABLE.sub(lambda _: table, text), encoding="utf-8")
+
+
+def _numbers(version: str) -> list[int]:
     return [int(part) for part in version.split(".")]
 
 
