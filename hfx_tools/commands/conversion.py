@@ -26,13 +26,21 @@ from hfx_blender.formats.files import fault_of, format_of, read_signals
 from hfx_blender.formats.hjif.semantics import is_date
 from hfx_blender.formats.rasters import csv_raster
 from hfx_blender.formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown
-from hfx_blender.formats.signals.signals import DEFAULT_TOLERANCE, Credits, Signal
+from hfx_blender.formats.signals.signals import (
+    DEFAULT_TOLERANCE,
+    MAX_HZ,
+    Credits,
+    FrequencyRange,
+    Signal,
+)
 from hfx_blender.formats.sound import wav
+from hfx_blender.formats.sound.sound_analysis import SoundSettings, followed
 from hfx_blender.formats.writing import write, write_signals
 from hfx_blender.formats.written import Written, part_path
 
 from ..formats import raster_rules
 from ..formats.signal_raster import RATE_HZ, raster_of
+from . import sound_reading
 
 _START_BYTES: Final = 1 << 16  # bytes compared with those that HFX writes first
 _READ_AGAIN: Final = 64 << 20  # bytes
@@ -48,9 +56,10 @@ def convert(
     body: str | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
     strict: bool = False,
+    sound: SoundSettings | None = None,
 ) -> Written:
-    """Write a track, a raster (``.raster.npz``, ``.csv``) or a file with vibration envelopes in
-    another format; returns the final files, notes and omitted content.
+    """Write a track, a raster (``.raster.npz``, ``.csv``), a file with vibration envelopes or a
+    sound in another format; returns the final files, notes and omitted content.
 
     The suffix of ``target`` selects the format, unless ``to``, an id in ``TARGETS``, is given. A
     format with a file per actuator appends the actuator's name to the file name, unless the source
@@ -60,7 +69,8 @@ def convert(
     envelopes in formats of a whole device (csv, npz, wav, tact). With a device, envelopes become
     its output in any format; HJIF then has the actuators and positions of the device. ``body`` is
     name or id of the wearer, required for tracks with several bodies; ``tolerance`` the largest
-    error of simplified curves, a share of full scale; ``strict`` makes omitted content an error.
+    error of simplified curves, a share of full scale; ``strict`` makes omitted content an error;
+    ``sound`` how vibration follows a sound, None for the defaults.
 
     Raises UsageError for formats that cannot be converted into each other, or a missing option;
     InputError for a source that cannot be read, exceeds a limit of :mod:`.limits` or does not fit
@@ -80,7 +90,7 @@ def convert(
         if source.suffix == TRACK_SUFFIX:
             written = _of_track(source, info, stage / stem, device, body, tolerance)
         else:
-            written = _of_file(source, info, stage / stem, device, tolerance)
+            written = _of_file(source, info, stage / stem, device, tolerance, sound)
         is_track, is_of_track = source.suffix == TRACK_SUFFIX, bool(info.write_track)
         notes = []
         if body is not None and not is_track:
@@ -132,16 +142,25 @@ def _of_track(
 
 
 def _of_file(
-    source: Path, target: FormatInfo, stem: Path, device: str | None, tolerance: float
+    source: Path,
+    target: FormatInfo,
+    stem: Path,
+    device: str | None,
+    tolerance: float,
+    sound: SoundSettings | None,
 ) -> Written:
-    """Convert a raster or envelopes, for a device where given or needed. Files of a single signal
-    without a device get exactly the requested name. Raises UsageError for an impossible pair of
-    formats or a missing device, InputError for a file without vibration."""
-    info = format_of(source)
-    if not info.read_raster and not info.decode:
+    """Convert a raster, envelopes or a sound, for a device where given or needed. Files of a single
+    signal without a device get exactly the requested name. Raises UsageError for an impossible pair
+    of formats, a missing device, or settings of a sound for another file; InputError for a file
+    without vibration."""
+    is_sound = sound_reading.is_sound(source)
+    if sound is not None and not is_sound:
+        raise UsageError(f"{source}: is no sound, to which the options of sounds apply")
+    info = FORMATS["wav"] if is_sound else format_of(source)
+    if not info.read_raster and not info.decode and not is_sound:
         raise UsageError(
-            f"{source}: {info.title} cannot be converted; a track, a raster (npz, csv) and "
-            "vibration in envelopes can"
+            f"{source}: {info.title} cannot be converted; a track, a raster (npz, csv), vibration "
+            "in envelopes and sound can"
         )
     if not target.write_raster and not target.write_signals:
         raise UsageError(f"{source}: only a track can be converted to {target.id}")
@@ -151,7 +170,9 @@ def _of_file(
     if info.read_raster:
         assert config is not None
         return write(target.id, _raster(source, info, config), config, stem, tolerance)
-    signals, frequencies = read_signals(source)
+    signals, frequencies = (
+        _of_sound(source, sound or SoundSettings(), config) if is_sound else read_signals(source)
+    )
     if not signals:
         raise InputError(f"{source}: holds no vibration.")
     remarks = Written(
@@ -169,6 +190,22 @@ def _of_file(
     if len(signals) == 1:
         written = _without_part(written, stem, signals[0].name)
     return written + remarks
+
+
+def _of_sound(
+    source: Path, settings: SoundSettings, device: DeviceConfig | None
+) -> tuple[list[Signal], FrequencyRange]:
+    """Signal that follows a sound, and its frequencies: those of the device, if any, where the
+    settings state none. InputError for a file that is no sound."""
+    blocks, rate_hz, notes = sound_reading.blocks_of(source)
+    if device is not None and not settings.frequencies.is_stated:
+        controls = [a.type.controls[1] for a in device.actuators if a.type.modality == "vibration"]
+        if controls:
+            lowest = min(control.lowest for control in controls)
+            highest = max(control.highest for control in controls)
+            settings = replace(settings, frequencies=FrequencyRange(lowest, min(highest, MAX_HZ)))
+    signal = followed(blocks, rate_hz, source.stem, settings)
+    return [replace(signal, notes=(*notes, *signal.notes))], settings.frequencies
 
 
 def _without_part(written: Written, stem: Path, part: str) -> Written:

@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
-from hfx_blender.errors import InputError
+from hfx_blender.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from hfx_blender.formats.sound.sound_analysis import SoundSettings
 
 from .size_option import add_largest
 
@@ -21,8 +25,9 @@ def add_parser(commands: Any) -> None:
         description=(
             "Convert a track or a raster (npz, csv) to what a device plays or to hjif, a track to "
             "jsonl, and vibration between AHAP, .haptic, .he, .tact, OpenXR and HJIF, or with "
-            "--device to the output of a device (wav, csv, npz, tact). Content that the target "
-            "format cannot hold is listed."
+            "--device to the output of a device (wav, csv, npz, tact). A sound (wav, flac, ogg, "
+            "mp3) becomes vibration that follows it. Content that the target format cannot hold is "
+            "listed."
         ),
     )
     parser.add_argument("source", type=Path, metavar="A")
@@ -51,15 +56,61 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--strict", action="store_true", help="treat omitted content as an error: exit code 3"
     )
+    _add_sound_options(parser)
     add_largest(parser)
     add_json(parser, run)
+
+
+def _add_sound_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of sounds; None where not given."""
+    group = parser.add_argument_group("sounds")
+
+    def add(name: str, kind: Callable[[str], object], metavar: str, text: str) -> None:
+        group.add_argument(f"--{name}", type=kind, metavar=metavar, help=text)
+
+    add("strength", float, "%", "amplitude of the loudest moment (default: 100)")
+    add("smoothing", float, "MS", "length of the window that smooths the envelope (default: 20)")
+    add("band", _range, "LOW:HIGH", "part of the sound to follow, Hz (default: 20:8000)")
+    add("threshold", float, "DB", "silence below this, relative to the loudest (default: -40)")
+    add(
+        "frequencies",
+        _range,
+        "LOW:HIGH",
+        "range of the vibration, Hz (default: that of the device, or 65:300)",
+    )
+
+
+def _range(text: str) -> tuple[float, float]:
+    """Two numbers with a colon between; ValueError for another text."""
+    low, high = map(float, text.split(":"))
+    return low, high
+
+
+def _sound_settings(options: argparse.Namespace) -> SoundSettings | None:
+    """Settings of the given options of sounds, None without any; UsageError if out of range."""
+    from hfx_blender.formats.signals.signals import FrequencyRange
+    from hfx_blender.formats.sound.sound_analysis import SoundSettings
+
+    names = ("strength", "smoothing", "band", "threshold", "frequencies")
+    if all(getattr(options, name) is None for name in names):
+        return None
+    plain = SoundSettings()
+    strength, smoothing, band, threshold, frequencies = (getattr(options, name) for name in names)
+    try:
+        return SoundSettings(
+            plain.strength if strength is None else strength / 100.0,
+            plain.smoothing_s if smoothing is None else smoothing / 1000.0,
+            band or plain.band_hz,
+            plain.threshold_db if threshold is None else threshold,
+            FrequencyRange(*frequencies) if frequencies else plain.frequencies,
+        )
+    except ValueError as error:
+        raise UsageError(str(error)) from error
 
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Convert the file; print results, notes and omissions; returns 0. UsageError for options out
     of range, InputError without any result."""
-    from hfx_blender.errors import UsageError
-
     from .conversion import convert
 
     if not 0.0 < options.tolerance <= 50.0:
@@ -75,6 +126,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             body=options.body,
             tolerance=options.tolerance / 100.0,
             strict=options.strict,
+            sound=_sound_settings(options),
         )
     for path in written.files:
         console.say(f"{path}  {path.stat().st_size} bytes")

@@ -27,8 +27,18 @@ class WavForm:
     channels: int
     rate_hz: int
     bits: int
-    is_float: bool
+    kind: int  # 1: integers, 3: floating-point numbers; others are compressed
     frames: int
+    begin: int  # first byte of the samples
+
+    @property
+    def is_float(self) -> bool:
+        return self.kind == _FLOAT
+
+    @property
+    def is_plain(self) -> bool:
+        """True for samples without compression, of a known size."""
+        return self.bits in _BITS.get(self.kind, ()) and bool(self.channels and self.rate_hz)
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
@@ -106,7 +116,7 @@ def _form(content: bytes, chunks: dict[bytes, tuple[int, int]], report: Report) 
     if tag == _FLOAT and bits in _BITS[_FLOAT] and not _is_finite(content, begin, data, bits // 8):
         report.error("DATA", None, "it has samples that are not finite numbers")
     frames = data // frame if frame else 0
-    return WavForm(channels, rate, bits, tag == _FLOAT, frames)
+    return WavForm(channels, rate, bits, tag, frames, begin)
 
 
 def _is_finite(content: bytes, begin: int, length: int, width: int) -> bool:

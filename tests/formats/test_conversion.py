@@ -221,7 +221,7 @@ def test_inconsistent_requests_are_refused(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         convert(tmp_path / "none.haptic", tmp_path / "y.ahap")
     with pytest.raises(InputError, match="no known format"):
-        convert(tmp_path / "none.mp3", tmp_path / "y.ahap")
+        convert(tmp_path / "none.mpx", tmp_path / "y.ahap")
 
 
 # --- the commands --------------------------------------------------------------------------

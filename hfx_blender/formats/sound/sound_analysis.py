@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Vibration that follows a sound: envelope, spectral centroid and onsets.
+
+The spectrum is divided into bands an octave apart. A band is an analytic signal, so the power of a
+steady tone is constant, at any frequency. The first moment of a spectrum is the mean of the
+instantaneous frequency, weighted by power (Cohen, "Time-Frequency Analysis", 1995, section 1.4).
+Onsets are rises of a band over the largest value shortly before, in this band and its neighbours
+(Boeck and Widmer, "Maximum filter vibrato suppression for onset detection", DAFx 2013).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from math import ceil
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...engine.arrays import F64
+from ...errors import InputError
+from ...files import limits
+from ..signals.curves import Curve
+from ..signals.signals import FrequencyRange, Signal, Transient, frequencies_through_silence
+
+DEFAULT_RANGE: Final = FrequencyRange(65.0, 300.0, is_stated=False)
+"""Frequencies without a device, those of a phone in MPEG's reference software."""
+
+FRAME_HZ: Final = 500  # frames a second of the analysis
+_CORE_S: Final = 24  # seconds analysed at a time, and the context before and after
+_MARGIN_S: Final = 2
+_NEAR: Final = FRAME_HZ  # frames of the context of an onset, before and after
+_KEYS_HZ: Final = 250  # keyframes a second of the result
+_SILENT: Final = 1e-6  # amplitude that counts as silence, a share of full scale
+_RATES_HZ: Final = (100, 768_000)
+_QUIET_DB: Final = -40.0  # level that counts as silence, relative to the loudest nearby
+_RISE_DB: Final = 9.5
+_RARE: Final = 4.0  # multiple of the usual rises of a band that an onset exceeds
+_APART: Final = 25  # frames between two onsets, at least
+_PERIOD: Final = 30  # frames: pulses closer than this are a tone
+_LAG: Final = 4  # frames of the rise of an onset, at least
+_PART: Final = 0.01  # least share of the power in bands with an onset
+
+
+@dataclass(frozen=True)
+class SoundSettings:
+    """How vibration follows a sound."""
+
+    strength: float = 1.0  # largest amplitude, a share of full scale
+    smoothing_s: float = 0.012  # length of the window that smooths the envelope
+    band_hz: tuple[float, float] = (20.0, 8000.0)  # part of the sound that is followed
+    threshold_db: float = -40.0  # silent below this level, relative to the loudest moment
+    frequencies: FrequencyRange = DEFAULT_RANGE  # of the device
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a setting out of range; it names the option of ``hfx convert``."""
+        low, high = self.band_hz
+        for option, is_valid, allowed in (
+            ("strength", 0.0 < self.strength <= 1.0, "more than 0, up to 100 %"),
+            ("smoothing", 0.002 <= self.smoothing_s <= 1.0, "2 to 1000 ms"),
+            ("band", 10.0 <= low <= 0.7 * high < 48e3, "LOW:HIGH, 10 to 48000 Hz, half an octave"),
+            ("threshold", -80.0 <= self.threshold_db <= 0.0, "-80 to 0 dB"),
+        ):
+            if not is_valid:
+                raise ValueError(f"--{option}: expected {allowed}")
+
+
+def followed(
+    blocks: Iterable[npt.NDArray[np.float32]], rate_hz: int, name: str, settings: SoundSettings
+) -> Signal:
+    """Vibration that follows a sound, streamed as blocks (n, channels) of full scale 1.
+
+    The loudest moment gets the amplitude ``settings.strength``. The logarithm of the centroid, over
+    the band, spans the frequencies of the device. Powers of channels are averaged, so opposite
+    channels do not cancel. Samples that are not finite are silent, and noted. Raises InputError for
+    a sound without samples, a rate that is not 100 to 768,000 Hz, or a band above half the rate,
+    and TooLargeError for too many channels; ``name`` begins the message.
+    """
+    from scipy.ndimage import convolve1d
+    from scipy.signal.windows import hann
+
+    if not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
+        raise InputError(f"{name}: has {rate_hz} samples a second; allowed are 100 to 768000.")
+    low, high = settings.band_hz[0], min(settings.band_hz[1], rate_hz / 2.0)
+    if low >= high:
+        raise InputError(f"{name}: has {rate_hz} samples a second, so it ends below {low:g} Hz.")
+    samples = _Samples(blocks, name)
+    core = slice(_MARGIN_S * FRAME_HZ, (_MARGIN_S + _CORE_S) * FRAME_HZ)
+    window = hann(2 * round(settings.smoothing_s * FRAME_HZ / 2.0) + 3)[1:-1]
+    levels, pitches = [np.zeros(0)], [np.zeros(0)]
+    centres, _ = _centres((low, high))
+    ticks: list[tuple[int, float]] = []
+    for number, part in enumerate(samples.parts(rate_hz)):
+        powers, moments = _bands(part, rate_hz, (low, high))
+        power, moment = (convolve1d(p.sum(1), window / window.sum()) for p in (powers, moments))
+        levels.append(np.sqrt(power[core]))
+        pitches.append((moment[core] / power[core].clip(1e-20)).clip(low, high))
+        first = number * _CORE_S * FRAME_HZ - core.start  # in the sound, of the part
+        ends = ceil(samples.count / rate_hz * FRAME_HZ)
+        span = max(-first, 0), min(ends - first, len(powers))
+        ticks += [
+            (first + frame, peak)
+            for frame, peak in _onsets(powers, centres, *span)
+            if core.start <= frame < core.stop
+        ]
+    if not samples.count:
+        raise InputError(f"{name}: holds no sound.")
+    duration_s = samples.count / rate_hz
+    # Frame k is the mean from k / FRAME_HZ on; the envelope ends with the sound.
+    times = np.arange(ceil(duration_s * FRAME_HZ)) / FRAME_HZ + 0.5 / FRAME_HZ
+    level, pitch = np.concatenate(levels)[: len(times)], np.concatenate(pitches)[: len(times)]
+    loudest = max(float(level.max()), _SILENT)
+    gate = max(loudest * 10.0 ** (settings.threshold_db / 20.0), _SILENT)
+    amplitude = np.where(level > gate, settings.strength * level / loudest, 0.0)
+    share = np.log(pitch / low) / np.log(high / low)
+    hertz = frequencies_through_silence(amplitude, settings.frequencies.hertz(share))
+    keys = slice(FRAME_HZ // _KEYS_HZ, None, FRAME_HZ // _KEYS_HZ)
+    ends = max(duration_s, times[-1])
+    transients = tuple(
+        Transient(
+            float(times[frame]),
+            min(settings.strength * peak / loudest, 1.0),
+            float(hertz[min(frame + 5, len(hertz) - 1)]),
+        )
+        for frame, peak in ticks
+        if frame < len(times) and peak > gate
+    )
+    return Signal(
+        name,
+        Curve(np.r_[0.0, times[keys], ends], np.r_[amplitude[0], amplitude[keys], 0.0]),
+        Curve(np.r_[0.0, times[keys]], np.r_[hertz[0], hertz[keys]]),
+        transients,
+        notes=samples.notes(),
+    )
+
+
+class _Samples:
+    """Counted samples of a sound, in overlapping parts."""
+
+    def __init__(self, blocks: Iterable[npt.NDArray[np.float32]], name: str) -> None:
+        self._blocks, self._name = iter(blocks), name
+        self.count = self._faulty_count = 0
+
+    def parts(self, rate_hz: int) -> Iterator[npt.NDArray[np.float32]]:
+        """Yield parts (n, channels) of core and margins, silence before the begin and after the
+        end."""
+        margin, length = _MARGIN_S * rate_hz, (_CORE_S + 2 * _MARGIN_S) * rate_hz
+        rest: list[npt.NDArray[np.float32]] = []
+        begun = 0
+        has_more = True
+        while has_more:
+            while sum(map(len, rest)) < length and has_more:
+                block = next(self._blocks, None)
+                has_more = block is not None
+                if block is not None and len(block):
+                    is_finite = np.isfinite(block)
+                    self._faulty_count += int(block.size - is_finite.sum())
+                    self.count += len(block)
+                    if not rest:
+                        needed = 8.0 * length * block.shape[1]
+                        limits.MEMORY.check(needed, self._name, "half a minute of it would take")
+                        rest = [np.zeros((margin, block.shape[1]), np.float32)]
+                    rest.append(np.where(is_finite, block, np.float32(0.0)))
+            if not rest:
+                return
+            joined = np.concatenate(rest)
+            while len(joined) >= length or (not has_more and begun < self.count):
+                part = joined[:length]
+                yield np.pad(part, ((0, length - len(part)), (0, 0)))
+                begun += _CORE_S * rate_hz
+                joined = joined[_CORE_S * rate_hz :]
+            rest = [joined]
+
+    def notes(self) -> tuple[str, ...]:
+        """Sentence about samples that are not finite; empty without any."""
+        if not self._faulty_count:
+            return ()
+        return (f"{self._faulty_count} samples are no finite numbers, and count as silence",)
+
+
+def _bands(
+    part: npt.NDArray[np.float32], rate_hz: int, band_hz: tuple[float, float]
+) -> tuple[F64, F64]:
+    """Power of octave bands (frames, bands), 1 for a sine of full scale, and its product with the
+    mean frequency (Hz), of a part (n, channels) of whole seconds."""
+    from scipy.fft import ifft, rfft
+
+    seconds, channels = len(part) // rate_hz, part.shape[1]
+    low, high = band_hz
+    centres, step = _centres(band_hz)
+    count = len(centres)
+    powers = np.zeros((2, seconds * FRAME_HZ, count))
+    for channel in range(channels):
+        spectrum = rfft(part[:, channel]) * (2.0 / len(part))
+        for k, centre in enumerate(centres.tolist()):
+            # Neighbours overlap, and the squares of their gains add to 1; first and last end flat.
+            first = int(max(low, 2.0 ** (centre - step)) * seconds)
+            stop = min(int(min(high, 2.0 ** (centre + step)) * seconds) + 1, len(spectrum))
+            hertz = np.arange(first, stop) / seconds
+            way = (np.log2(hertz) - centre) / step
+            way = np.clip(way, -1.0 if k else 0.0, 1.0 if k + 1 < count else 0.0)
+            bins = spectrum[first:stop] * np.cos(np.pi / 2.0 * way)
+            # The band is moved to 0 Hz, where few samples a frame hold its power.
+            fold = max(1, ceil(2 * (stop - first) / (seconds * FRAME_HZ)))
+            size = seconds * FRAME_HZ * fold
+            signal, product = ifft(bins, size) * size, ifft(bins * hertz, size) * size
+            for row, values in enumerate((abs(signal) ** 2, (signal.conj() * product).real)):
+                powers[row, :, k] += values.reshape(-1, fold).mean(1) / channels
+    return powers[0], powers[1]
+
+
+def _centres(band_hz: tuple[float, float]) -> tuple[F64, float]:
+    """Binary logarithms of the centres (Hz) of bands of about an octave, and their step."""
+    octaves = float(np.log2(band_hz[1] / band_hz[0]))
+    step = octaves / max(1, round(octaves))
+    return np.log2(band_hz[0]) + np.arange(step / 2.0, octaves, step), step
+
+
+def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[int, float]]:
+    """Yield frame and following peak amplitude of the onsets in band powers (frames, bands).
+
+    An onset is a rise, of some band, that is fast for the band, rare for its last and next second,
+    and no fall of the total. The sound has the frames ``begin`` to ``end``. At its first frame, if
+    not 0, only a sound that decays has an onset: a recording of a steady sound begins anywhere.
+    """
+    from scipy.ndimage import convolve1d, maximum_filter1d, uniform_filter1d
+    from scipy.signal import find_peaks
+    from scipy.signal.windows import hann
+
+    window = hann(7)[1:-1]
+    power = convolve1d(powers, window / window.sum(), axis=0)
+    total = power.sum(1)
+    near = maximum_filter1d(total, 2 * _NEAR + 1)
+    level = 10.0 * np.log10(power + 10.0 ** (_QUIET_DB / 10.0) * near[:, None] + 1e-12)
+    before = np.zeros_like(level)
+    for k, centre in enumerate(centres.tolist()):
+        # A band of width B needs 1 / B seconds to rise.
+        lag = max(_LAG, ceil(0.6 * FRAME_HZ / 2.0**centre))
+        before[:, k] = _largest(level[:, k], -_PERIOD, -lag)
+    rise = np.maximum(level - before, 0.0)
+    starts = np.arange(0, len(rise), _NEAR // 4)
+    # The silence before and after the sound does not count as usual.
+    firsts = np.clip(starts - _NEAR, begin, max(end - 2 * _NEAR, begin))
+    usual = [np.percentile(rise[k : min(k + 2 * _NEAR, end)], 90, axis=0) for k in firsts]
+    usual_rise = np.repeat(usual, _NEAR // 4, axis=0)[: len(rise)]
+    amplitude = np.sqrt(power)
+    # Half of the coming peak is reached within the rise time: a swell is no onset.
+    is_attack = amplitude >= 0.5 * _largest(amplitude, 0, _APART)
+    excess = np.where(is_attack, rise - _RISE_DB - _RARE * usual_rise, 0.0).clip(0.0)
+    is_part = (power * (excess > 0.0)).sum(1) >= _PART * _largest(total, 0, _APART // 2)
+    # The end of a tone is a click, too, of all bands: the total does not rise there.
+    earlier = _largest(total, -_APART, -_LAG)
+    after = np.roll(uniform_filter1d(total, _APART), -_APART // 2 - 8)
+    is_kept = (_largest(total, -2, 8) >= 1.25 * earlier) | (after >= 0.5 * earlier)
+    frames, _ = find_peaks(np.where(is_part & is_kept, excess.sum(1), 0.0), distance=_APART)
+    later = np.median(total[begin + 2 * _APART : begin + 10 * _APART]) if begin else 0.0
+    for peak in frames[frames >= begin - _LAG].tolist():
+        # The envelope of a band rises symmetrically about the onset: steepest there.
+        first = max(peak - 10, 0)
+        rising = amplitude[first : peak + 10, excess[peak] > 0.0]
+        rising = (rising / rising.max(0)).sum(1)
+        frame = max(first + int(np.gradient(rising).argmax()), begin)
+        if abs(frame - begin) <= 3 * _LAG and later > 0.1 * total[begin : begin + _APART].max():
+            continue
+        yield frame, float(np.sqrt(total[frame : frame + _APART // 2].max()))
+
+
+def _largest(values: F64, first: int, last: int) -> F64:
+    """Largest of the values (frames, ...) from ``first`` to ``last`` frames after each frame."""
+    from scipy.ndimage import maximum_filter1d
+
+    size = last - first + 1
+    centred = maximum_filter1d(values, size, axis=0, mode="constant")
+    return np.roll(centred, -(first + size // 2), axis=0)
