@@ -14,6 +14,7 @@ import ast
 import json
 import re
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -33,8 +34,10 @@ _IN_BLENDER = (
 )
 """Modules with texts for panels and reports that are neither labels nor errors."""
 
-_LABELS = ("ui/", "engine/body/parts.py", "engine/modality.py", "formats/registry.py")
+_LABELS = ("ui/", "engine/body/parts.py", "engine/modality.py")
 """Modules whose capitalized words are labels."""
+
+_FORMATS = "formats/formats.toml"
 
 _WORDS = re.compile(r"[A-Za-z]{2,}")
 _PLACEHOLDER = re.compile(r"\{\d+\}")
@@ -92,7 +95,7 @@ class _Texts(ast.NodeVisitor):
         if isinstance(node, ast.expr):
             text = template(node)
             if text is not None:
-                if self._is_text(text):
+                if self.is_text(text):
                     self.found.append(text)
                 # Values inside of a text may be texts themselves.
                 for inner in _values(node):
@@ -100,7 +103,7 @@ class _Texts(ast.NodeVisitor):
                 return
         super().visit(node)
 
-    def _is_text(self, text: str) -> bool:
+    def is_text(self, text: str) -> bool:
         if not _WORDS.search(_PLACEHOLDER.sub(" ", text)) or "\n" in text:
             return False
         if self._is_shown:
@@ -182,6 +185,10 @@ def source_messages() -> dict[str, str]:
         texts.visit(ast.parse(path.read_text(encoding="utf-8")))
         for text in texts.found:
             messages.setdefault(text, name)
+    labels = _Texts(is_in_blender=True, has_labels=True)
+    for members in tomllib.loads((PACKAGE / _FORMATS).read_text(encoding="utf-8")).values():
+        if labels.is_text(members["title"]):
+            messages.setdefault(members["title"], _FORMATS)
     return messages
 
 

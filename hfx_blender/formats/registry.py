@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Table of the file formats: names, contents and functions.
 
-The table is the only registration of a format: commands, checks, the export dialog and help
+``formats.toml`` is the only registration of a format: commands, checks, the export dialog and help
 texts are derived from it. A format's module is imported at the first use of a function.
 """
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Final
 
 from ..errors import UsageError
-from ..files.kinds import TEXTURE_MAP_SUFFIX
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,10 @@ class FormatInfo:
     installed extension names these functions, and never imports them. The smallest entry is a
     format with a check only::
 
-        FormatInfo("x", "X file", ".x", check="folder.module:validate")
+        [x]
+        title = "X file"
+        suffix = ".x"
+        check = "folder.module:validate"
 
     Writers get ``folder/stem`` without suffix. They raise ``InputError`` if the format can store
     nothing, or a signal only in part, and ``OutputError`` if a file cannot be written; all other
@@ -89,202 +93,23 @@ class FormatInfo:
 
 
 _TOOLS: Final = "hfx_tools.formats."
-_VIBRATION: Final = ("vibration",)
-_OF_HE: Final = frozenset({"created"})
-_START_OF_HE: Final = rb'\{"Meta[Dd]ata":\{"Version":.*?; 0 to 100 is \S+ to \S+ Hz"\},"'
+
+
+def _entry(id: str, members: dict[str, Any]) -> FormatInfo:
+    """Entry of a table of ``formats.toml``: arrays are tuples, ``credits`` a set, ``own_start``
+    bytes."""
+    values = {key: tuple(v) if isinstance(v, list) else v for key, v in members.items()}
+    own_start, stored = values.pop("own_start", ""), frozenset(values.pop("credits", ()))
+    return FormatInfo(id, own_start=own_start.encode(), credits=stored, **values)
+
 
 FORMATS: Final[dict[str, FormatInfo]] = {
-    info.id: info
-    for info in (
-        FormatInfo(
-            "track",
-            "HapticTrack",
-            ".hfxtrack",
-            dialog=("Haptic Track", "Samples of all effects, for any device (.hfxtrack)", 0),
-            read=f"{_TOOLS}whole_files:read_track",
-        ),
-        FormatInfo(
-            "hjif",
-            "MPEG HJIF",
-            ".hjif",
-            dialog=(
-                "MPEG HJIF",
-                "Samples of all effects in MPEG's haptics format, with .glb meshes",
-                1,
-            ),
-            companions=(".glb",),
-            credits=frozenset({"description", "created"}),
-            write_track="hjif.from_track:write",
-            write_raster="hjif.from_actuators:write",
-            write_signals="hjif.from_actuators:write_signals",
-            check="hjif.hjif_rules:validate",
-            decode="hjif.to_signals:decode",
-            facts=f"{_TOOLS}facts:hjif_facts",
-        ),
-        FormatInfo(
-            "jsonl",
-            "JSON Lines of samples",
-            ".samples.jsonl",
-            dialog=("JSON Lines", "Samples of all effects as lines of JSON, for game engines", 2),
-            read_suffix=".jsonl",
-            write_track="jsonl_samples:export",
-            check=f"{_TOOLS}jsonl_rules:validate",
-            facts=f"{_TOOLS}jsonl_rules:facts",
-        ),
-        FormatInfo(
-            "glb",
-            "glTF binary",
-            ".glb",
-            dialog=("glTF Scene", "Bodies and moving volumes, with draft MPEG triggers (.glb)", 3),
-            own_start=rb'.{20}\{"asset":\{"version":"2\.0","generator":"HFX"',
-            check="glb.glb:validate",
-            unchecked="only the members used by HFX were checked; Khronos' gltf-validator "
-            "checks all rules of glTF",
-            facts=f"{_TOOLS}facts:glb_facts",
-        ),
-        FormatInfo(
-            "clip",
-            "game clip",
-            ".hfxclip",
-            dialog=("Game Clip", "Output of devices, for players in games (.hfxclip)", 18),
-            write_played="clip.clip_writer:write",
-            check=f"{_TOOLS}clip_rules:validate",
-            facts=f"{_TOOLS}facts:clip_facts",
-        ),
-        FormatInfo(
-            "csv",
-            "CSV raster",
-            ".csv",
-            dialog=("CSV", "Values of each device, a row for each sample", 4),
-            write_raster="rasters.csv_raster:export",
-            check=f"{_TOOLS}csv_reader:validate",
-            read_raster=f"{_TOOLS}csv_reader:read",
-            facts=f"{_TOOLS}csv_reader:facts",
-        ),
-        FormatInfo(
-            "npz",
-            "NPZ raster",
-            ".raster.npz",
-            dialog=("NPZ Raster", "Values of each device, as NumPy arrays", 5),
-            write_raster="rasters.npz_raster:export",
-            check=f"{_TOOLS}npz_reader:validate",
-            read_raster=f"{_TOOLS}npz_reader:read",
-            facts=f"{_TOOLS}npz_reader:facts",
-        ),
-        FormatInfo(
-            "wav",
-            "WAV",
-            ".wav",
-            dialog=("WAV", "Sound for vibration actuators, 16 bits", 6),
-            modalities=_VIBRATION,
-            holds_waves=True,
-            companions=(".channels.json",),
-            write_raster="sound.wav:export",
-            check=f"{_TOOLS}wav_rules:validate",
-            facts=f"{_TOOLS}wav_rules:facts",
-        ),
-        FormatInfo(
-            "ahap",
-            "Apple AHAP",
-            ".ahap",
-            dialog=("Apple AHAP", "Patterns for Core Haptics", 9),
-            modalities=_VIBRATION,
-            own_start=rb'\{"Version":1\.0,"Metadata":\{"Project":.*?"Hfx[A-Z]\w+":',
-            credits=frozenset({"project", "created", "others"}),
-            write_signals="device_files.ahap:write_signals",
-            held="device_files.ahap:held",
-            check="device_files.ahap_rules:validate",
-            decode="device_files.ahap:decode",
-        ),
-        FormatInfo(
-            "haptic",
-            "Meta .haptic",
-            ".haptic",
-            dialog=("Meta .haptic", "Clips for Meta's Haptics SDK", 10),
-            modalities=_VIBRATION,
-            own_start=rb'\{"version":\{"major":1,.*?"metadata":\{"editor":"HFX"',
-            credits=frozenset({"author", "project", "source", "tags"}),
-            write_signals="device_files.haptic:write_signals",
-            held="device_files.haptic:held",
-            check="device_files.haptic:validate",
-            decode="device_files.haptic:decode",
-        ),
-        FormatInfo(
-            "he",
-            "RichTap .he",
-            ".he",
-            dialog=("RichTap .he", "Patterns for RichTap phones, version 2", 11),
-            modalities=_VIBRATION,
-            marks=("Metadata", '"Pattern'),
-            own_start=_START_OF_HE,
-            credits=_OF_HE,
-            write_signals="device_files.he:write_signals",
-            held="device_files.he:held",
-            check="device_files.he_rules:validate",
-            decode="device_files.he:decode",
-        ),
-        FormatInfo(  # RichTap's player on phones of its core 22 refuses version 2
-            "he1",
-            "RichTap .he version 1",
-            ".v1.he",
-            dialog=("RichTap .he 1", "Patterns for RichTap phones, version 1", 12),
-            modalities=_VIBRATION,
-            credits=_OF_HE,
-            write_signals="device_files.he:write_v1",
-            held="device_files.he:held",
-        ),
-        FormatInfo(
-            "openharmony",
-            "OpenHarmony pattern",
-            ".openharmony.json",
-            dialog=("OpenHarmony", "Vibration patterns for OpenHarmony", 13),
-            modalities=_VIBRATION,
-            marks=('"MetaData"', '"Channels"'),
-            own_start=_START_OF_HE,
-            credits=_OF_HE,
-            write_signals="device_files.he:write_openharmony",
-            held="device_files.he:held",
-            check="device_files.he_rules:validate",
-            decode="device_files.he:decode",
-        ),
-        FormatInfo(
-            "openxr",
-            "OpenXR parametric vibration",
-            ".openxr.json",
-            dialog=("OpenXR", "Parametric vibration for OpenXR controllers", 14),
-            modalities=_VIBRATION,
-            marks=('"hfx-openxr-parametric"',),
-            write_signals="device_files.openxr:write_signals",
-            held="device_files.openxr:held",
-            check="device_files.openxr:validate",
-            decode="device_files.openxr:decode",
-        ),
-        FormatInfo(
-            "tact",
-            "bHaptics .tact",
-            ".tact",
-            dialog=("bHaptics .tact", "Projects for bHaptics vests and sleeves", 15),
-            modalities=_VIBRATION,
-            own_start=rb'\{"name":.*?"createdAt":0,"updatedAt":0,"id":""',
-            write_raster="device_files.tact:export",
-            why_nothing="device_files.tact_layouts:why_nothing",
-            check="device_files.tact:validate",
-            decode="device_files.tact:decode",
-        ),
-        FormatInfo(
-            "channels",
-            "channels of a WAV",
-            ".channels.json",
-            own_start=rb'\{\n  "format": "hfx-',
-            check=f"{_TOOLS}wav_rules:validate_channels",
-            facts=f"{_TOOLS}wav_rules:channel_facts",
-        ),
-        FormatInfo("texture", "texture map", TEXTURE_MAP_SUFFIX, read="pictures.texture_map:read"),
-        FormatInfo("picture", "PNG", ".png", read="pictures.png:read"),
-        FormatInfo("chart", "SVG picture", ".svg", read=f"{_TOOLS}whole_files:read_svg"),
-        FormatInfo("scene", "Blender file", ".blend", read=f"{_TOOLS}whole_files:read_blend"),
-    )
+    id: _entry(id, members)
+    for id, members in tomllib.loads(
+        Path(__file__).with_name("formats.toml").read_text(encoding="utf-8")
+    ).items()
 }
+"""Formats by id, in the order of menus and help texts; a table each in ``formats.toml``."""
 
 EXPORTED: Final = tuple(info.id for info in FORMATS.values() if info.dialog is not None)
 """Ids of the export formats in dialog order; the export writes ``track`` and ``glb`` directly."""

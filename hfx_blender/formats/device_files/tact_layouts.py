@@ -9,12 +9,7 @@ from typing import Final
 import numpy as np
 
 from ...engine.body.model import load_model
-from ...engine.rendering.device_config import (
-    BhapticsEncoder,
-    BodyPlace,
-    DeviceConfig,
-    VertexPlace,
-)
+from ...engine.rendering.device_config import BhapticsEncoder, BodyPlace, DeviceConfig, VertexPlace
 
 MAX_DOTS: Final = 20
 
