@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..blender.stored_values import limited, limited_vector
+from ..engine.modality import neutral_temperature_c
 
 if TYPE_CHECKING:
     import numpy as np
@@ -52,7 +53,6 @@ def effect_colour(
     """Colour (RGBA) of an effect in a palette: that of its modality, or of cold for a temperature
     below neutral."""
     from ..engine.colouring import COLD, PALETTES
-    from ..engine.modality import neutral_temperature_c
 
     neutral_c = neutral_temperature_c(hfx.temperature_reference == "CONTACT")
     is_cold = hfx.modality == "temperature" and hfx.temperature < neutral_c

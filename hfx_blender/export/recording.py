@@ -255,9 +255,7 @@ class SceneRecorders:
         return arrays
 
     def join(
-        self,
-        files: Sequence[Path],
-        block_at: Callable[[int], Iterable[AnimationBlock]],
+        self, files: Sequence[Path], block_at: Callable[[int], Iterable[AnimationBlock]]
     ) -> None:
         """Replace the recordings by the files of :meth:`arrays` of all parts, in order of time.
         ``block_at`` reads the block of a sample, for the shapes of volumes."""

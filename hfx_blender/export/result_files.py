@@ -62,10 +62,7 @@ def device_stem(scene: Path, stem: Path, body: str, device_id: str) -> Path:
 
 
 def placed(
-    whole: TrackHeader,
-    played: Sequence[tuple[DeviceConfig, Raster]],
-    scene: Path,
-    stem: Path,
+    whole: TrackHeader, played: Sequence[tuple[DeviceConfig, Raster]], scene: Path, stem: Path
 ) -> list[tuple[Path, DeviceConfig, Raster]]:
     """Pair devices and rasters with the path stems of their files (:func:`device_stem`), and make
     their folders: ``scene/body/device`` if ``whole`` has two or more bodies. ``scene`` is the stem

@@ -59,9 +59,7 @@ class HFX_OT_add_avatar(HfxOperator):
     bl_label = "Avatar"
 
     person: EnumProperty(
-        name="Person",
-        description="The average adult, or a body model of your own",
-        items=_people,
+        name="Person", description="The average adult, or a body model of your own", items=_people
     )
     stands_free: BoolProperty(
         name="Stand Free",

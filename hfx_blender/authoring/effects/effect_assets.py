@@ -14,6 +14,7 @@ import bpy
 from ...avatars import avatar_meshes
 from ...blender.scene_info import metres_of
 from . import effects
+from .effect_file import VolumeRecipe
 
 if TYPE_CHECKING:
     from .effect_file import Sensation
@@ -37,8 +38,6 @@ def dropped_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 def has_effects_on_body(sensation: Sensation) -> bool:
     """Test for a sensation with effects on a body."""
-    from .effect_file import VolumeRecipe
-
     return not all(isinstance(effect.where, VolumeRecipe) for effect in sensation.effects)
 
 

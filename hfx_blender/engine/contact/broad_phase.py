@@ -286,11 +286,7 @@ class CompiledBroadPhase:
         return self._reached(None, surface, (None, None, None, surface), None)
 
     def _reached(
-        self,
-        bones: PosedBones | None,
-        surface: Any,
-        body: tuple[Any, ...],
-        groups: Any,
+        self, bones: PosedBones | None, surface: Any, body: tuple[Any, ...], groups: Any
     ) -> Reached:
         """Run ``hfx_reach``, with room for every near cluster at every row; returns the used part.
         ``body``: pointers of pose, bones, bone mask and surface places, None where absent."""

@@ -96,11 +96,7 @@ def refined(
 
 
 def _looked_closely(
-    moments: Moments,
-    touches: Touches,
-    intervals: Intervals,
-    *,
-    is_live: bool,
+    moments: Moments, touches: Touches, intervals: Intervals, *, is_live: bool
 ) -> tuple[Touches, list[TouchedSets], Bool]:
     """Add onsets and speeds of impacts to touches, and collect touched skin inside intervals: first
     in steps of at most :data:`STEP_S`, then in finer steps around beginnings of touches and
@@ -146,12 +142,7 @@ def _looked_closely(
     k = np.flatnonzero(answered.is_touched)
     rows, times = chosen[which[k]], intervals.times_s(which[k], shares[k])
     with_filters = TouchedSets(
-        rows,
-        times,
-        answered.set_of[k],
-        answered.offsets,
-        answered.vertices,
-        answered.weights,
+        rows, times, answered.set_of[k], answered.offsets, answered.vertices, answered.weights
     )
     is_in_space = any(filter_.is_in_space for filter_ in moments.filters)
     parts = [with_filters] if is_in_space else [with_filters, *steps.sets]

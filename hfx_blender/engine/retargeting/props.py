@@ -24,14 +24,7 @@ from .bone_regions import region_of
 from .canonical_pose import matrices, posed
 from .joints import skeletons_of
 from .layers import joined
-from .target import (
-    TargetAvatar,
-    areas_of,
-    connected_pieces,
-    owners_of,
-    weld,
-    with_ancestors,
-)
+from .target import TargetAvatar, areas_of, connected_pieces, owners_of, weld, with_ancestors
 
 # Smallest distance of a protruding vertex from the body, metres at canonical size
 _REACH_M: Final = 0.12

@@ -205,13 +205,7 @@ class CellGroups:
         """Sorted unique ids of clusters without an entry."""
         return missing_ids(self._is_known, clusters)
 
-    def add(
-        self,
-        clusters: I64,
-        table: SkinTable,
-        surface: Clusters,
-        own: Clusters | None,
-    ) -> None:
+    def add(self, clusters: I64, table: SkinTable, surface: Clusters, own: Clusters | None) -> None:
         """Compute the table entries of one or more clusters, ids (k,), and mark them as present.
 
         An entry lists the groups of a cluster's cells, at rest: largest distance, box, and the

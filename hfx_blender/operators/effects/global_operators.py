@@ -10,14 +10,7 @@ from ...authoring.effects import effects, global_tools, swarms
 from ...blender.scene_info import animation_fps
 from ...errors import InputError
 from .. import framing
-from ..shared import (
-    EnumItems,
-    HfxOperator,
-    OnBodyOperator,
-    kept_items,
-    select_only,
-    target_body,
-)
+from ..shared import EnumItems, HfxOperator, OnBodyOperator, kept_items, select_only, target_body
 
 SCOPES = (
     ("SELECTED", "Selected", "The selected effects"),
@@ -182,9 +175,7 @@ class HFX_OT_add_rain(OnBodyOperator):
     )
     seed: IntProperty(name="Seed", description="Seed of the random drops", default=0, min=0)
     name: StringProperty(
-        name="Name",
-        description="Replaces rain of the same name on the same body",
-        default="Rain",
+        name="Name", description="Replaces rain of the same name on the same body", default="Rain"
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:

@@ -7,13 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import (
-    CollectionProperty,
-    EnumProperty,
-    FloatProperty,
-    IntProperty,
-    StringProperty,
-)
+from bpy.props import CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...blender.translation import translated
 from ...devices.live import live_settings
@@ -42,11 +36,7 @@ KINDS = (
         "One channel for each vibration actuator, starting at the first channel",
     ),
     ("CSV", "Log", "Writes every value into a CSV file"),
-    (
-        "PAGE",
-        "Web Page",
-        "A web page for a browser on a phone, or with a gamepad; asks for a code",
-    ),
+    ("PAGE", "Web Page", "A web page for a browser on a phone, or with a gamepad; asks for a code"),
 )
 _WIDTH, _LETTERS = 420, 62  # of the dialog, pixels; of its lines
 

@@ -18,6 +18,9 @@ from ...files import resources
 from ...files.atomic import amend_json
 from ...playback.live.body_tracking import body_tracking
 from ...playback.live.listening import listening, properties_by_parameter
+from ...playback.live.vr_source import VrSource, create_actions_with_session
+from ...tracking.receiver import OscReceiver
+from ...tracking.value_addresses import address_of, is_used
 from ..shared import HfxOperator, active_body, active_effect
 from .connect_operators import LiveOperator
 
@@ -100,7 +103,6 @@ class HFX_OT_track_body(_Receiving):
 
     def work(self, context: bpy.types.Context) -> str:
         from ...playback.live.vmc_source import VmcSource
-        from ...playback.live.vr_source import VrSource, create_actions_with_session
 
         body = body_to_track(context)
         if body is None:
@@ -177,9 +179,6 @@ class HFX_OT_listen(_Receiving):
     )
 
     def work(self, _context: bpy.types.Context) -> str:
-        from ...tracking.receiver import OscReceiver
-        from ...tracking.value_addresses import is_used
-
         listening.stop()  # may have the same port
         listening.start(OscReceiver(self.address, self.port, is_used=is_used))
         self.store()
@@ -222,8 +221,6 @@ class HFX_OT_copy_address(HfxOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...tracking.value_addresses import address_of
-
         effect = active_effect(context)
         if effect is None:
             raise InputError("Select an effect")

@@ -10,7 +10,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from mathutils.bvhtree import BVHTree
 
-from ...authoring import painting
+from ...authoring import atlas_pictures, painting
 from ...authoring.effects import effects
 from ...blender import compat
 from ...engine.body.parts import REGIONS, SIDES
@@ -212,10 +212,7 @@ class HFX_OT_add_on_part(OnBodyOperator):
 
     modality: EnumProperty(name="Modality", description="Sensation", items=MODALITY_ITEMS)
     part: EnumProperty(
-        name="Part",
-        description="Body part, or saved area",
-        items=_parts,
-        translation_context="HFX",
+        name="Part", description="Body part, or saved area", items=_parts, translation_context="HFX"
     )
 
     def work(self, _context: bpy.types.Context) -> None:
@@ -384,8 +381,6 @@ class HFX_OT_area_atlas(_PaintedOperator):
     bl_label = "Paint in 2D"
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...authoring import atlas_pictures
-
         image = atlas_pictures.picture_of(painted_effect(context))
         if not bpy.app.background:
             paint_view.show_picture(context, image)

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import (
@@ -20,7 +19,7 @@ from bpy.props import (
 from bpy_extras.io_utils import ExportHelper
 
 from ...authoring.effects import effects
-from ...authoring.paths import paths, skin_picking
+from ...authoring.paths import path_file, paths, skin_picking
 from ...blender.scene_info import animation_fps, metres_of
 from ...engine.modality import MODALITY_ITEMS
 from ...files import kinds
@@ -35,9 +34,6 @@ from ..shared import (
     select_only,
     target_body,
 )
-
-if TYPE_CHECKING:
-    from ...authoring.paths import path_file
 
 _MIDDLE_OF_BACK = (0.0, 0.047, 1.25)
 _ON_SKIN_M = 0.03
@@ -204,8 +200,6 @@ class HFX_OT_move_along_path(PathOperator):
 @kept_items
 @cache
 def _ready_paths() -> EnumItems:
-    from ...authoring.paths import path_file
-
     return [
         (stem, recipe.name, recipe.description)
         for stem, path in path_file.library().items()
@@ -229,8 +223,6 @@ class HFX_OT_path_from_library(HfxOperator):
     name: EnumProperty(name="Path", items=_ready_paths)
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...authoring.paths import path_file
-
         return _apply(context, path_file.load_library(self.name))
 
 
@@ -244,8 +236,6 @@ class HFX_OT_load_path(ImportOperator, OnBodyOperator):
     filter_glob: StringProperty(default=f"*{kinds.PATH_SUFFIX}", options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...authoring.paths import path_file
-
         recipe = path_file.load(Path(self.filepath))
         if active_spot(context) is None:
             bpy.ops.hfx.add_spot()
@@ -262,8 +252,6 @@ class HFX_OT_save_path(PathOperator, ExportHelper):
     name: StringProperty(name="Name", description="Empty: the name of the file")
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...authoring.paths import path_file
-
         path = Path(self.filepath)
         title = self.name or path.stem.replace("_", " ").title()
         path_file.save(paths.recipe_of(context.scene, active_spot(context), title), path)

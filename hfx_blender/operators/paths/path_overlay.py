@@ -6,6 +6,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import bpy
+import gpu
+from gpu_extras.batch import batch_for_shader
 
 from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
@@ -109,9 +111,6 @@ def _ring(
 def _draw() -> None:
     """Draw all paths of the scene, those of inactive effects faintly, and the pending path; stop at
     the first damaged path."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     from ...playback.preview.drawing import card_state, draw_lines
 
     space = bpy.context.space_data

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, StringProperty
 
-from ...authoring.surfaces import surfaces
+from ...authoring.surfaces import material_relief, surfaces
 from ...blender.translation import translated
 from ...errors import InputError
 from ...files import kinds
@@ -205,8 +205,6 @@ _PAUSE_S = 0.1
 
 def _picture_of(obj: bpy.types.Object | None) -> bpy.types.Image | None:
     """Only image of the base colour of an object's active material; otherwise None."""
-    from ...authoring.surfaces import material_relief
-
     material = obj.active_material if obj is not None and obj.type == "MESH" else None
     if material is None or material.node_tree is None:
         return None

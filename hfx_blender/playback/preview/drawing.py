@@ -8,15 +8,20 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import blf
 import bpy
+import gpu
 import numpy as np
+from gpu_extras.batch import batch_for_shader
 
 from ...blender.translation import translated
 from ...engine.arrays import F32, I32
+from ...engine.colouring import PALETTES
+from ..timeline import value_chart
+from . import card_shaders
+from .actuator_glow import MOST_DISCS
 
 if TYPE_CHECKING:
-    import gpu
-
     from ..timeline.timeline_record import TimelineRecord
     from ..timeline.timeline_recorder import TimelineRecorder
     from ..timeline.value_chart import Chart
@@ -32,10 +37,6 @@ _TICK = (1.0, 1.0, 1.0, 0.06)
 
 def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
     """Draw colours over the skin; ``opacity`` 0..1 is that of the full colour."""
-    import gpu
-
-    from . import card_shaders
-
     if not layers:
         return
     shader = card_shaders.skin()
@@ -57,11 +58,6 @@ def draw_layers(layers: Sequence[Layer], opacity: float) -> None:
 
 def draw_discs(parts: Sequence[Discs]) -> None:
     """Draw discs of actuators over the skin and in the room, hidden behind other surfaces."""
-    import gpu
-
-    from . import card_shaders
-    from .actuator_glow import MOST_DISCS
-
     if not parts:
         return
     shader = card_shaders.discs()
@@ -89,8 +85,6 @@ def card_state(blend: str = "ALPHA", depth_test: str = "NONE") -> Iterator[None]
 
     Ends with the state that Blender expects after a draw handler, also after an exception.
     """
-    import gpu
-
     state = gpu.state
     writes = state.depth_mask_get()
     state.blend_set(blend)
@@ -112,9 +106,6 @@ def draw_lines(
 ) -> None:
     """Draw a line (n, 3), or with "LINES" a line for each two points; world space, ``width`` in
     pixels, hidden behind other surfaces. Nothing for less than two points."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     if len(points) < 2:
         return
     shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
@@ -152,8 +143,6 @@ class _OnCard:
 @cache
 def _skin_format() -> gpu.types.GPUVertFormat:
     """Format of a skin's vertices; colours of bytes become 0..1 in the shader."""
-    import gpu
-
     layout = gpu.types.GPUVertFormat()
     layout.attr_add(id="pos", comp_type="F32", len=3, fetch_mode="FLOAT")
     layout.attr_add(id="normal", comp_type="F32", len=3, fetch_mode="FLOAT")
@@ -163,8 +152,6 @@ def _skin_format() -> gpu.types.GPUVertFormat:
 
 def _skin_batch(layer: Layer) -> gpu.types.GPUBatch:
     """Batch of a layer's triangles, with positions, normals and colours of its vertices."""
-    import gpu
-
     # A buffer for all attributes: each buffer costs more than its content.
     vertices = gpu.types.GPUVertBuf(_skin_format(), len(layer.positions))
     vertices.attr_fill("pos", layer.positions)
@@ -174,15 +161,11 @@ def _skin_batch(layer: Layer) -> gpu.types.GPUBatch:
 
 
 def _index_buffer(triangles: I32) -> gpu.types.GPUIndexBuf:
-    import gpu
-
     return gpu.types.GPUIndexBuf(type="TRIS", seq=triangles)
 
 
 def _column(name: str, values: F32) -> gpu.types.GPUVertBuf:
     """Vertex buffer of one attribute, filled in one copy."""
-    import gpu
-
     layout = gpu.types.GPUVertFormat()
     layout.attr_add(id=name, comp_type="F32", len=values.shape[1], fetch_mode="FLOAT")
     buffer = gpu.types.GPUVertBuf(layout, len(values))
@@ -193,11 +176,6 @@ def _column(name: str, values: F32) -> gpu.types.GPUVertBuf:
 def _disc_batches(looks: Looks) -> list[tuple[int, gpu.types.GPUBatch, gpu.types.GPUUniformBuf]]:
     """Batches of at most :data:`MOST_DISCS` discs: number of the first disc, batch, and the uniform
     buffer of the moving rows."""
-    import gpu
-
-    from . import card_shaders
-    from .actuator_glow import MOST_DISCS
-
     nothing = np.zeros((MOST_DISCS, 2, 4), np.float32)
     batches = []
     for first in range(0, len(looks.radii), MOST_DISCS):
@@ -251,8 +229,6 @@ class ChartView:
 
         No effect without overlays, in narrow regions, and in all views of a quad view but one.
         """
-        import blf
-
         area, region, scene = context.area, context.region, context.scene
         if not context.space_data.overlay.show_overlays:
             return
@@ -286,12 +262,6 @@ class ChartView:
         frames: tuple[float, float] | None,
     ) -> tuple[Chart, gpu.types.GPUBatch]:
         """Chart, and the batch of its triangles."""
-        import gpu
-        from gpu_extras.batch import batch_for_shader
-
-        from ...engine.colouring import PALETTES
-        from ..timeline import value_chart
-
         colours, scale = PALETTES[palette], bpy.context.preferences.system.ui_scale
         # Viewports of different sizes keep charts of different sizes.
         key = (id(record), *colours.values(), size, frames, scale)
@@ -310,15 +280,9 @@ def _draw_chart(
 ) -> None:
     """Draw a chart and the time axis at the lower end of a viewport, ``left`` in pixels, with the
     playhead at a frame and a note above, if any. Labels are dimmed unless ``fresh``."""
-    import blf
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    from ..timeline.value_chart import ticks
-
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     scale = bpy.context.preferences.system.ui_scale
-    marks = ticks(bpy.context.scene, chart, scale)
+    marks = value_chart.ticks(bpy.context.scene, chart, scale)
     lines = [(x, 0.5, _TICK) for x, _ in marks]
     lines.append((chart.x_of(frame), max(scale, 1.0), _PLAYHEAD))
     with card_state(), gpu.matrix.push_pop():
@@ -365,8 +329,6 @@ def _timeline_frames(
 
 def write(text: str, x: float, y: float, width: float) -> None:
     """Write a text, shortened by "..." to ``width`` pixels, or nothing if no text fits."""
-    import blf
-
     shown, size = text, len(text)
     while size > 1 and blf.dimensions(0, shown)[0] > width:
         size -= 1

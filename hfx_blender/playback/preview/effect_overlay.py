@@ -5,7 +5,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import blf
 import bpy
+import gpu
+from gpu_extras.batch import batch_for_shader
 from mathutils import Matrix, Vector
 
 from ...authoring import volumes
@@ -105,8 +108,6 @@ def legend(scene: bpy.types.Scene) -> list[tuple[str, str, Colour]]:
 
 
 def _draw_in_scene() -> None:
-    import gpu
-
     from .drawing import draw_lines
 
     context = bpy.context
@@ -137,10 +138,6 @@ def _draw_legend() -> None:
     """Draw the legend of a visible preview at the lower right, in the first view of a quad view:
     for each modality a scale of colours from 0 to the full colour. None below the chart of values
     over time."""
-    import blf
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
     from . import drawing
 
     context, manager = bpy.context, bpy.context.window_manager

@@ -10,10 +10,14 @@ import logging
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
+import blf
 import bpy
+import gpu
+from gpu_extras.batch import batch_for_shader
 
 from ...authoring import clips
 from ...authoring.effects import effects, swarms
+from ...authoring.volumes import effect_colour
 from ...blender import events
 
 _log = logging.getLogger(__name__)
@@ -83,11 +87,6 @@ def _strip_rows(context: bpy.types.Context) -> Iterator[Row]:
 def _draw_rows(context: bpy.types.Context, rows: Iterable[Row]) -> None:
     """Draw envelopes of clips in colours of modalities, pale where muted, with names where there is
     room. A selected strip of the NLA Editor has a white border."""
-    import blf
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    from ...authoring.volumes import effect_colour
     from ..preview.drawing import card_state, write
 
     scale = context.preferences.system.ui_scale

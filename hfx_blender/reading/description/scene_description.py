@@ -41,13 +41,7 @@ from ..curves.animation_time import animation_frames, played_frame, sample_frame
 from ..curves.curve_reading import is_steady
 from ..stepped import reached
 from ..stepped.simulation import Simulation
-from . import (
-    activation,
-    area_values,
-    response_values,
-    soundness,
-    visibility,
-)
+from . import activation, area_values, response_values, soundness, visibility
 
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects in the scene; bodies must be posed for them."""
@@ -161,9 +155,7 @@ def refuse_bad_unit(scene: bpy.types.Scene) -> None:
 
 
 def _find_bodies(
-    scene: bpy.types.Scene,
-    layer: bpy.types.ViewLayer,
-    enabled: set[bpy.types.Object],
+    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
 ) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
     """Valid bodies, warnings about corrected values, and one warning for each excluded body.
     Excluded: no armature, disabled (also a mesh of the avatar), unreadable values. Raises
@@ -441,11 +433,7 @@ def _painted_area(
 def _source(scene: bpy.types.Scene) -> dict[str, str]:
     """Origin of a description: scene name, Blender and add-on version; of a saved file also "file"
     (name) and "sha256"."""
-    source = {
-        "scene": scene.name,
-        "blender": bpy.app.version_string,
-        "hfx": __version__,
-    }
+    source = {"scene": scene.name, "blender": bpy.app.version_string, "hfx": __version__}
     path = Path(bpy.data.filepath)
     if bpy.data.filepath and path.is_file():
         source["file"] = path.name

@@ -221,9 +221,7 @@ def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
 
 
 def asleep(
-    scene: bpy.types.Scene,
-    time: TimeBase,
-    states: Iterable[tuple[bpy.types.Object, Activation]],
+    scene: bpy.types.Scene, time: TimeBase, states: Iterable[tuple[bpy.types.Object, Activation]]
 ) -> dict[bpy.types.Object, str]:
     """Dormant effects of (effect, activation) pairs with reasons as in :func:`why_dormant`, in
     order; :data:`NOT_SOLO` is followed by the names of solo effects."""

@@ -22,9 +22,7 @@ LOOKS: Final = (bpy.types.Material, bpy.types.ShaderNodeTree)
 """Data-block types without influence on positions and shapes."""
 
 
-def drivers_of(
-    reached: Iterable[bpy.types.ID],
-) -> Iterator[tuple[bpy.types.ID, bpy.types.FCurve]]:
+def drivers_of(reached: Iterable[bpy.types.ID]) -> Iterator[tuple[bpy.types.ID, bpy.types.FCurve]]:
     """Yield (owner, driver F-curve) of data-blocks, except of materials and shader nodes."""
     for owner in reached:
         data = getattr(owner, "animation_data", None)

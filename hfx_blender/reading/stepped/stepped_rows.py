@@ -58,11 +58,7 @@ def objects_of(
     bodies = list(bodies)
     surfaces = (k for k in bodies if isinstance(scene.bodies[k].binding, SurfaceBinding))
     meshes = (mesh for k in surfaces for mesh in avatar_meshes.meshes_of(found.bodies[k]))
-    return [
-        *(found.effects[k] for k in effects),
-        *(found.bodies[k] for k in bodies),
-        *meshes,
-    ]
+    return [*(found.effects[k] for k in effects), *(found.bodies[k] for k in bodies), *meshes]
 
 
 @dataclass

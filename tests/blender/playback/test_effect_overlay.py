@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from types import SimpleNamespace
 from typing import Any
 
@@ -141,7 +140,7 @@ def test_the_cards_state_is_restored_after_an_error(monkeypatch: pytest.MonkeyPa
     names = ("blend", "depth_test", "depth_mask", "face_culling", "point_size", "line_width")
     card = SimpleNamespace(**{f"{name}_set": setter(name) for name in names})
     card.depth_mask_get = lambda: state["depth_mask"]
-    monkeypatch.setitem(sys.modules, "gpu", SimpleNamespace(state=card))
+    monkeypatch.setattr(drawing, "gpu", SimpleNamespace(state=card))
     with pytest.raises(ValueError, match="a driver"), drawing.card_state("ALPHA", "LESS_EQUAL"):
         assert state == {"blend": "ALPHA", "depth_test": "LESS_EQUAL", "depth_mask": False}
         card.face_culling_set("BACK")
