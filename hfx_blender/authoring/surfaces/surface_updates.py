@@ -16,6 +16,7 @@ import bpy
 
 from ...blender.events import call_soon, redraw, remove_timers
 from ...errors import HfxError, InputError
+from . import surfaces
 from .material_relief import images_of, material_hash
 
 DELAY_S = 0.3
@@ -37,8 +38,6 @@ last_edit_s: list[float] = [0.0]
 
 def request(obj: bpy.types.Object) -> None:
     """Schedule an update of a surface's maps in 0.3 s, unless they were never made."""
-    from . import surfaces
-
     if not surfaces.is_surface(obj) or not obj.hfx.surface.made_of:
         return  # never baked
     _waiting.add(obj.name)
@@ -55,8 +54,6 @@ def on_shown(obj: bpy.types.Object) -> None:
 
 def may_bake(obj: bpy.types.Object) -> bool:
     """Test that maps were displayed within 2 s, and the last bake took at most 1.5 s."""
-    from . import surfaces
-
     is_shown = time.monotonic() - shown_s.get(obj.name, -_SHOWN_S) < _SHOWN_S
     return is_shown and surfaces.bake_s.get(obj.name, QUICK_S + 1.0) <= QUICK_S
 
@@ -90,8 +87,6 @@ def note_painted(graph: bpy.types.Depsgraph) -> None:
 def check() -> list[bpy.types.Object]:
     """Return the surfaces, baked before, with an edited material or painted image; sets
     ``is_outdated`` of material surfaces, and forgets the painted images."""
-    from . import surfaces
-
     baked = [obj for obj in surfaces.surfaces_of(bpy.context.scene) if obj.hfx.surface.made_of]
     painted = _forget_painted(baked) if painted_images else set()
     outdated_surfaces = []
@@ -167,8 +162,6 @@ def bake_outdated() -> float | None:
 
 def make_waiting() -> None:
     """Timer: update the maps of scheduled objects, and redraw; faults are shown in the panel."""
-    from . import surfaces
-
     waiting = sorted(_waiting)
     _waiting.clear()
     for name in waiting:
@@ -179,8 +172,6 @@ def make_waiting() -> None:
 
 
 def _make_one(obj: bpy.types.Object, *, remake: bool) -> None:
-    from . import surfaces
-
     try:
         surfaces.make_maps(obj, remake=remake)
     except HfxError:
@@ -198,8 +189,6 @@ def register() -> None:
 
 def unregister() -> None:
     """Remove the handler and all scheduled updates."""
-    from . import surfaces
-
     bpy.app.handlers.depsgraph_update_post.remove(on_update)
     for state in (_waiting, surfaces.bake_s, shown_s, painted_images, _pixel_sums):
         state.clear()
