@@ -98,7 +98,7 @@ _TOOLS: Final = "hfx_tools.formats."
 def _entry(id: str, members: dict[str, Any]) -> FormatInfo:
     """Entry of a table of ``formats.toml``: arrays are tuples, ``credits`` a set, ``own_start``
     bytes."""
-    values = {key: tuple(v) if isinstance(v, list) else v for key, v in members.items()}
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in members.items()}
     own_start, stored = values.pop("own_start", ""), frozenset(values.pop("credits", ()))
     return FormatInfo(id, own_start=own_start.encode(), credits=stored, **values)
 
