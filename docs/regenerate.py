@@ -9,7 +9,9 @@ hour on an idle machine, a minute or two with ``--short``. ``avatars`` fits mode
 avatars with a known result; this subject needs MakeHuman's data (for the source see
 ``tests/engine/retargeting/retarget_report.py``), takes long, and is made only if named. The table
 of ``safety`` is made from the output of ``hfx bench safety --json``, idle and with ``--busy``:
-``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``.
+``python docs/regenerate.py safety --record IDLE.json --record BUSY.json``. The README's moving
+picture is made from the pictures of the journey ``moving_picture`` (see ``CONTRIBUTING.md``):
+``python docs/regenerate.py film --frames out/gui/moving_picture``.
 """
 
 from __future__ import annotations
@@ -35,12 +37,14 @@ def main() -> None:
         "subjects",
         nargs="*",
         metavar="SUBJECT",
-        help="pictures, devices, schema, assets, bodies, tracks, surfaces, trade, safety, avatars",
+        help="pictures, devices, schema, assets, bodies, tracks, surfaces, trade, safety, "
+        "avatars, film",
     )
     parser.add_argument("--scene", action="append", choices=SCENES, help="trade: only these")
     parser.add_argument(
         "--record", action="append", type=Path, default=[], help="safety: of 'hfx bench safety'"
     )
+    parser.add_argument("--frames", type=Path, help="film: results of the journey")
     parser.add_argument("--short", action="store_true", help="trade: rough figures")
     options = parser.parse_args()
     usual = "pictures devices schema assets bodies tracks surfaces trade"
@@ -75,6 +79,10 @@ def main() -> None:
         if not options.record:
             parser.error("safety: no --record")
         safety([json.loads(path.read_text(encoding="utf-8")) for path in options.record])
+    if "film" in subjects:
+        if options.frames is None:
+            parser.error("film: no --frames")
+        film(options.frames)
 
 
 def demo() -> None:
@@ -159,6 +167,24 @@ def safety(records: list[dict[str, Any]]) -> None:
     caption = f"Measured on {machine.as_one_line([record['machine'] for record in records])}."
     table = safety.as_markdown(records)
     replace_part(DOCS / "live.md", "safety", f"{caption}\n\n{table}")
+
+
+def film(folder: Path) -> None:
+    """Join the pictures of the journey ``moving_picture`` to an animated WebP."""
+    from PIL import Image
+
+    facts = json.loads((folder / "film.json").read_text(encoding="utf-8"))
+    paths = [folder / f"film_{number:04}.png" for number in range(len(facts["milliseconds"]))]
+    first, *others = (Image.open(path).convert("RGB").crop(facts["box"]) for path in paths)
+    first.save(
+        PICTURES / "editor.webp",
+        save_all=True,
+        append_images=others,
+        duration=facts["milliseconds"],
+        loop=0,  # for ever
+        quality=70,
+        method=6,
+    )
 
 
 def replace_part(page: Path, name: str, content: str) -> None:
