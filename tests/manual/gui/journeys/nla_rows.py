@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Strips of effects in the NLA Editor have colour and envelope at each resolution scale."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import hands
+
+CLIPS = {"vibration": 10.0, "pressure": 10.0, "temperature": 40.0, "wind": 70.0}  # start frames
+
+
+def steps(h: Any) -> Iterator[float]:
+    yield from hands.empty_scene(h)
+    bpy.context.scene.frame_end = 120
+    with h.context():
+        bpy.ops.hfx.add_avatar()
+        for modality, start in CLIPS.items():
+            bpy.ops.hfx.add_volume(modality=modality, shape="SPHERE", name=modality.title())
+            bpy.ops.hfx.add_clip(start=start, duration=1.0, fade_in=0.5)
+    area = h.area()
+    area.ui_type = "NLA_EDITOR"
+    yield 1.0
+    area.spaces.active.show_region_ui = False
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    nla_rows = hands.module("playback.timeline.nla_rows")
+    finding, drawn = nla_rows.rows_of_tracks, []
+
+    def recorded(context: bpy.types.Context) -> list[Any]:
+        drawn[:] = list(finding(context))
+        return drawn
+
+    nla_rows.rows_of_tracks = recorded
+    view = bpy.context.preferences.view
+    faults = []
+    try:
+        for scale in (1.0, 1.25, 1.5, 2.0):
+            view.ui_scale = scale
+            yield 1.0
+            with bpy.context.temp_override(window=h.window, area=area, region=region):
+                bpy.ops.nla.view_all()
+            yield 1.0
+            h.shot(f"scale_{scale:g}.png")
+            names = [effect.name for effect, *_ in drawn]
+            if names != sorted(modality.title() for modality in CLIPS):
+                faults.append(f"{scale:g}: {names}")
+    finally:
+        nla_rows.rows_of_tracks = finding
+        view.ui_scale = 1.0
+    yield 1.0
+    h.check(not faults, f"every strip has its colour at each scale {faults}")
