@@ -92,10 +92,12 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
             column.menu("HFX_MT_add", text="", icon="ADD")
             column.operator("hfx.remove_effects", text="", icon="REMOVE")
             column.menu("HFX_MT_list", text="", icon="DOWNARROW_HLT")
-            if list_rows.active_group():
+            members = list_rows.active_group()
+            if members:
                 row = layout.row(align=True)
+                row.enabled = not any(map(effects.is_locked, members))
                 row.prop(manager, "hfx_group_gain", text="Gain", slider=True)
-                if any(clips.strips_of(member) for member in list_rows.active_group()):
+                if any(map(clips.strips_of, members)):
                     row.prop(manager, "hfx_group_start", text="Start")
         if effects.effects_without_body(context.scene):
             draw_moving(context, layout, "GONE")

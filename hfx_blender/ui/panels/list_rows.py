@@ -266,7 +266,10 @@ class HFX_UL_effects(bpy.types.UIList):
             ("is_muted", "MUTE_IPO_ON", "MUTE_IPO_OFF"),
         ):
             icon = on if getattr(row, name) else off
-            line.prop(row, name, text="", icon=icon, emboss=False)
+            switch = line.row(align=True)
+            # Blender does not save a mute of linked effects.
+            switch.enabled = name == "is_selected" or not any(map(effects.is_locked, row_effects))
+            switch.prop(row, name, text="", icon=icon, emboss=False)
 
     def filter_items(
         self, _context: bpy.types.Context, manager: bpy.types.WindowManager, name: str

@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import hands
 
-BOARD, TWO, PHONE = "vrc_haptics_board", "two_boards", "phone_lra"
+BOARD, TWO, PHONE = "vrc_haptics_board_left", "two_boards", "phone_lra"
 BELOW = -4  # the panels of input, values, sound and video are below
 
 
@@ -77,13 +77,17 @@ def two_boards() -> Path:
     """A device in the user's folder: the board of VRC Haptics as two serial boards of 4 motors."""
     resources = hands.module("files.resources")
     document = json.loads(
-        (resources.device_configs() / f"{BOARD}.json").read_text(encoding="utf-8")
+        (resources.device_configs() / "vrc_haptics_board.json").read_text(encoding="utf-8")
     )
     motors = [actuator["id"] for actuator in document["actuators"]]
     del document["output"]
     document |= {"id": TWO, "name": "Two boards"}
     document["outputs"] = [
-        {"encoder": {"kind": "hfx-wire"}, "actuators": half, "transport": {"kind": "serial"}}
+        {
+            "encoder": {"kind": "hfx-wire"},
+            "actuators": half,
+            "transport": {"kind": "serial", "baud": 115200},
+        }
         for half in (motors[:4], motors[4:])
     ]
     folder = Path(resources.user_devices())

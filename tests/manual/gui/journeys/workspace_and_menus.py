@@ -60,7 +60,7 @@ def steps(h: Any) -> Iterator[float]:
     rows = yield from h.menu()
     entries = yield from h.submenu(rows[-1])
     h.shot("3_context_menu.png")
-    copy = entries[-3]  # before Save Effects and Paste Effects
+    copy = entries[-4]  # before Save Effects, Copy Address and Paste Effects
     yield from h.click(*copy)
     yield 0.6
     copied = bpy.context.window_manager.clipboard
