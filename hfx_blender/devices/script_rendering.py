@@ -7,7 +7,6 @@ first to the last row of the track. So the state does not depend on the division
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -40,11 +39,12 @@ SUM_S: Final = 60.0
 SUM_ROW_S: Final = 0.1
 """Time limit for all rows, seconds: the sum of ``SUM_S`` and ``SUM_ROW_S`` for each row."""
 
+PRINTED: Final = 20
+"""Largest number of printed lines in the report, for each device and body."""
+
 _BATCH_ROWS: Final = 64
 # Size of a batch of rows, bytes; the next batch is in the pipe during the work on one.
 _BATCH_BYTES: Final = 1 << 20
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def rendering(
         answers = None
         if device.script is not None:
             try:
-                answers = yield from _answers(track, device, renderer)
+                answers = yield from _answers(track, device, renderer, notes)
             except ScriptError as error:
                 silent[device.id] = str(error)
                 continue
@@ -102,22 +102,25 @@ def rendering(
 
 
 def _answers(
-    track: TrackReader, device: DeviceConfig, renderer: Renderer
+    track: TrackReader, device: DeviceConfig, renderer: Renderer, notes: list[str]
 ) -> Generator[float, None, F64]:
-    """Answers of a device's script for all rows, (T, columns); ScriptError if that fails."""
+    """Answers of a device's script for all rows, (T, columns); ScriptError if that fails. The first
+    printed lines are added to ``notes``."""
     script = _approved_script(device)
     script_input = renderer.script_input()
     answers = np.zeros_like(script_input)
     row = 0
     # Times from frames, as in live playback: a script gets equal numbers, rounding included.
     base, fps = track.header.time, float(track.header.time.fps)
+    labels = {effect.id: effect.name for effect in track.header.effects}
+    printed: list[str] = []
     times_s = [(float(base.frame(k)) - base.scene_start) / fps for k in range(base.sample_count)]
     try:
-        with _ScriptRun(script, device, answers) as run:
+        with _ScriptRun(script, device, answers, printed) as run:
             batch: list[bytes] = []
             size = 0
             for effects in _felt_by_row(track, renderer):
-                haptics = encode_haptics(times_s[row], effects, script_input[row])
+                haptics = encode_haptics(times_s[row], effects, script_input[row], labels)
                 batch.append(message(MessageKind.HAPTICS, 0, haptics))
                 size += len(batch[-1])
                 row += 1
@@ -136,6 +139,11 @@ def _answers(
         if error.row is not None:
             reason = f"failed{_when(track.header, error.row)}: {reason}"
         raise ScriptError(_nothing_for(device, script, reason)) from None
+    finally:
+        notes += [f"device '{device.id}': its script printed: {x}" for x in printed[:PRINTED]]
+        if len(printed) > PRINTED:
+            more = len(printed) - PRINTED
+            notes.append(f"device '{device.id}': its script printed {more} more lines")
     return answers
 
 
@@ -200,10 +208,18 @@ class _ScriptRun:
     """Run of a script, row by row; a context manager that kills the worker at the end.
 
     ``answers`` (T, columns) float64: filled in place, row by row.
+    ``printed``: printed lines are appended.
     """
 
-    def __init__(self, script: approval.DeviceScript, device: DeviceConfig, answers: F64) -> None:
+    def __init__(
+        self,
+        script: approval.DeviceScript,
+        device: DeviceConfig,
+        answers: F64,
+        printed: list[str],
+    ) -> None:
         assert device.script is not None
+        self._printed = printed
         self._answers = answers
         self._path = script.path
         self._request = {**script.as_request(), "device": str(device.script.device), "folder": None}
@@ -272,7 +288,7 @@ class _ScriptRun:
         return _FaultError(text, self._answered if self._is_ready else None)
 
     def _process_message(self, received: Message | None) -> None:
-        """Process READY, an answer (stored as the next row of ``answers``), or a line to log.
+        """Process READY, an answer (stored as the next row of ``answers``), or a printed line.
         Raises _FaultError: anything else, as FAULT, an unexpected answer, or None, the worker's
         end."""
         if received is None and self._worker.fault:
@@ -282,7 +298,7 @@ class _ScriptRun:
         if received.kind in (MessageKind.LOG, MessageKind.FAULT):
             text = received.body.decode(errors="replace")
             if received.kind is MessageKind.LOG:
-                _log.info("%s: %s", self._path, text)
+                self._printed += text.splitlines()
                 return
             raise self._fault(text if self._is_ready else f"cannot be started: {text}")
         if received.kind is MessageKind.READY and not self._is_ready:

@@ -484,3 +484,41 @@ def test_the_shipped_script_is_in_the_wheel_and_the_extension(monkeypatch: Any) 
     wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
     assert wheel["force-include"]["device_configs"] == "hfx_blender/device_configs"
     assert not any("py" in pattern for pattern in wheel["exclude"])
+
+
+def test_names_of_artists_and_jumps_reach_the_script(folder: Path, path: Path) -> None:
+    source = """
+calls = 0
+
+
+def render(h):
+    global calls
+    calls += 1
+    if calls in (1, 2):
+        print(calls, h.jumped, h.stopped)
+    if h.felt and calls < 30:
+        assert [(e.name, e.label) for e in h.felt] == [("buzz", "Buzz")], h.felt
+    return None
+"""
+    notes = rendered(path, scripted(folder, source)).notes
+    printed = [note for note in notes if "printed" in note]
+    assert printed == [
+        f"device '{BAND}': its script printed: 1 True True",
+        f"device '{BAND}': its script printed: 2 False False",
+    ]
+
+
+def test_many_printed_lines_are_counted(folder: Path, path: Path) -> None:
+    source = """
+print("\\n".join(f"line {k}" for k in range(33)))
+
+
+def render(h):
+    raise ValueError("no")
+"""
+    actual = rendered(path, scripted(folder, source))
+    assert actual.silent
+    printed = [note for note in actual.notes if "printed" in note]
+    assert len(printed) == 21
+    assert printed[0].endswith("printed: line 0") and printed[19].endswith("printed: line 19")
+    assert printed[20] == f"device '{BAND}': its script printed 13 more lines"

@@ -39,6 +39,7 @@ class Effect:
     positions: npt.NDArray[np.float32] | None = None  # (n, 3) world space, metres
     velocities: npt.NDArray[np.float32] | None = None  # (n, 3) m/s
     depth_m: npt.NDArray[np.float32] | None = None  # (n,) distances to the volume's boundary
+    label: str = ""  # name in Blender, chosen by the artist; several effects may have one
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,8 @@ class Haptics:
     felt: tuple[Effect, ...]  # on the wearer, also of modalities missing on the device
     values: F64  # (columns,) without the script: controls of all actuators, actuator by actuator
     device: DeviceConfig
+    jumped: bool = False  # the time does not follow that of the last call
+    stopped: bool = False  # first call after a start or stop: the device has been silent
 
     @property
     def actuators(self) -> tuple[Actuator, ...]:
@@ -82,11 +85,17 @@ ARRAYS: Final = ("positions", "velocities", "depth_m")
 """Optional arrays of an effect, fields of :class:`Effect` and of ``SampleRun``."""
 
 
-def encode_haptics(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values: F64) -> bytes:
+def encode_haptics(
+    time_s: float,
+    felt: Sequence[tuple[SampleRun, F64]],
+    values: F64,
+    labels: Mapping[str, str] | None = None,
+) -> bytes:
     """Encode the haptic data of a moment.
 
     ``felt``: runs of one sample, and their gains (A,) at the actuators.
     ``values``: (columns,) without the script.
+    ``labels``: names of the effects in Blender, by id.
     """
     effects: list[dict[str, Any]] = []
     arrays: dict[str, Array] = {"values": values}
@@ -97,6 +106,7 @@ def encode_haptics(time_s: float, felt: Sequence[tuple[SampleRun, F64]], values:
                 "modality": run.stream.modality,
                 "model": run.stream.model_id,
                 "level": float(run.levels[0]),
+                "label": (labels or {}).get(run.stream.effect_id, ""),
             }
         )
         # Arrays are named by the number of their effect.
@@ -129,7 +139,8 @@ def decode_haptics(body: bytes, device: DeviceConfig) -> Haptics:
                     arrays[f"{k} vertices"],
                     arrays[f"{k} weights"],
                     arrays[f"{k} gains"],
-                    *(arrays.get(f"{k} {name}") for name in ARRAYS),
+                    **{name: arrays.get(f"{k} {name}") for name in ARRAYS},
+                    label=head["label"],
                 )
             )
         return Haptics(float(content["time_s"]), tuple(effects), arrays["values"], device)

@@ -37,6 +37,7 @@ class _Rendered:
     renderer: MomentRenderer
     numbers: dict[str, int]  # tone numbers by effect id, or by substituted modality
     width: int  # number of actuators that take a waveform
+    labels: dict[str, str]  # names of effects by id
 
     def answer(self, moment: LiveFrame) -> bytes:
         """Render a moment: HAPTICS for a device with a script, unless muted; else ANSWER with
@@ -56,7 +57,7 @@ class _Rendered:
             return message(
                 MessageKind.HAPTICS,
                 self.rendered.number,
-                encode_haptics(moment.time_s, effects, values),
+                encode_haptics(moment.time_s, effects, values, self.labels),
             )
         tones = of_partials(partials, self.numbers, self.width)
         # The guard compares tones with values, so both have the same gain.
@@ -73,6 +74,7 @@ class Renderers:
         self._streams = scene.header.streams
         self.rendered: dict[int, _Rendered] = {}
         self.faults: list[bytes] = []
+        labels = {effect.id: effect.name for effect in scene.header.effects}
         names = [*(effect.id for effect in scene.header.effects), *MODALITIES]
         numbers = {name: k for k, name in enumerate(names)}
         for rendered in scene.devices:
@@ -87,7 +89,9 @@ class Renderers:
                 self.faults.append(_fault(rendered.number, error))
                 continue
             width = sum(actuator.type.takes_waveform for actuator in device.actuators)
-            self.rendered[rendered.number] = _Rendered(rendered, device, renderer, numbers, width)
+            self.rendered[rendered.number] = _Rendered(
+                rendered, device, renderer, numbers, width, labels
+            )
 
     def answers(self, body: bytes) -> list[bytes]:
         """Render a moment: a message for each device, a FAULT for a device whose rendering fails.

@@ -13,6 +13,7 @@ import os
 import time
 import traceback
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,6 +27,7 @@ from .message_bodies import encode_values
 
 MAX_MEMORY: Final = 4 << 30
 _LOGS_PER_S: Final = 10
+_JUMP_S: Final = 0.25  # longest step of time that is no jump, seconds
 _LONGEST_TEXT: Final = 500
 
 
@@ -69,9 +71,14 @@ def main() -> None:
     try:
         device, render = _load(owner.receive(), outlet)
         owner.send(message(MessageKind.READY, 0))
+        last_s: float | None = None
         while True:
             question = owner.receive()
             haptics = decode_haptics(question.body, device)
+            is_first = last_s is None  # a stop ends the process
+            jumped = last_s is None or not 0.0 <= haptics.time_s - last_s <= _JUMP_S
+            haptics = replace(haptics, jumped=jumped, stopped=is_first)
+            last_s = haptics.time_s
             values = as_values(render(haptics), haptics)
             # The answer has the number of the question.
             owner.send(message(MessageKind.ANSWER, question.device, encode_values(values)))

@@ -95,6 +95,30 @@ def test_returned_values_are_played(client: LiveClient, folder: Path, log: Path)
     assert rows_of(log)[-1]["values"][0] == 5.0
 
 
+def test_a_script_is_told_of_jumps_in_time(client: LiveClient, folder: Path, log: Path) -> None:
+    source = """
+def render(haptics):
+    strength = 9.0 if haptics.stopped else 6.0 if haptics.jumped else 3.0
+    return [strength, 100.0] * 8
+"""
+    connect(client, folder, source, log)
+    times_s = [1.5]
+
+    def feed() -> None:
+        client.send_haptics("scripted", encode_haptics(times_s[-1], [], playing()))
+
+    def is_played(strength: float, since: int = 0) -> bool:
+        rows = filter(is_loud, rows_of(log)[since:])
+        return any(row["values"][0] == strength for row in rows)
+
+    wait(client, lambda: is_played(3.0), feed)  # the same moment again
+    assert is_played(9.0)
+    for time_s in (0.5, 1.0):  # earlier, then half a second later
+        times_s.append(time_s)
+        count = len(rows_of(log))
+        wait(client, lambda count=count: is_played(6.0, count), feed)
+
+
 def test_limits_come_after_the_script(client: LiveClient, folder: Path, log: Path) -> None:
     source = "def render(haptics):\n    return [1e9, float('nan')] + [1e9, 1e9] * 7\n"
     connect(client, folder, source, log)
