@@ -11,6 +11,7 @@ errors from the source. A value inside of a text is a placeholder, ``{0}``, ``{1
 from __future__ import annotations
 
 import ast
+import csv
 import json
 import re
 import sys
@@ -37,7 +38,7 @@ _IN_BLENDER = (
 _LABELS = ("ui/", "engine/body/parts.py", "engine/modality.py")
 """Modules whose capitalized words are labels."""
 
-_FORMATS = "formats/formats.toml"
+_FORMATS, _REGIONS = "formats/formats.toml", "engine/body/regions.csv"
 
 _WORDS = re.compile(r"[A-Za-z]{2,}")
 _PLACEHOLDER = re.compile(r"\{\d+\}")
@@ -186,10 +187,19 @@ def source_messages() -> dict[str, str]:
         for text in texts.found:
             messages.setdefault(text, name)
     labels = _Texts(is_in_blender=True, has_labels=True)
-    for members in tomllib.loads((PACKAGE / _FORMATS).read_text(encoding="utf-8")).values():
-        if labels.is_text(members["title"]):
-            messages.setdefault(members["title"], _FORMATS)
+    for name, text in _table_texts():
+        if labels.is_text(text):
+            messages.setdefault(text, name)
     return messages
+
+
+def _table_texts() -> Iterator[tuple[str, str]]:
+    """Labels in tables beside the source: the name of the table, and a text."""
+    for members in tomllib.loads((PACKAGE / _FORMATS).read_text(encoding="utf-8")).values():
+        yield _FORMATS, members["title"]
+    with (PACKAGE / _REGIONS).open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            yield _REGIONS, row["label"]
 
 
 def class_messages() -> dict[str, str]:

@@ -12,7 +12,7 @@ from ...authoring.effects import effects
 from ...avatars import avatar_meshes
 from ...blender import early_imports
 from ...blender.translation import translated
-from ...engine.body.parts import PARTS_BY_NAME
+from ...engine.body.parts import REGIONS
 from ...errors import InputError
 from ...operators.shared import active_armature
 from ..sidebar import HfxPanel, draw_text, filtered
@@ -255,7 +255,7 @@ class HFX_PT_fit(HfxPanel, bpy.types.Panel):
         layout = self.layout
         body = active_armature(context)
         qualities = stored_fits.quality_of(body)
-        labels = {region.id: region.label for region in PARTS_BY_NAME}
+        labels = {region.id: region.label for region in REGIONS}
         table = layout.column(align=True)
         _draw_row(table, "Part", "NONE", ("mm off", "placed", "area"))
         for part in stored_fits.worst_first(qualities):
