@@ -25,8 +25,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from ..demo.demo_charts import draw_belt
     from ..demo.scene_file import build_and_open
     from ..spatial_sound.loudspeakers import LAYOUTS
-    from ..spatial_sound.scene_sound import SoundSettings, write_sound
+    from ..spatial_sound.scene_sound import write_sound
     from ..spatial_sound.sound_file import SOUND_SUFFIX
+    from ..spatial_sound.sound_settings import SoundSettings
     from ..track_rendering import render_devices
 
     folder: Path = options.output

@@ -65,6 +65,15 @@ def add_parser(commands: Any) -> None:
         "--record", type=Path, metavar="FILE", help="write the values of the device as .csv"
     )
     parser.add_argument(
+        "--sound",
+        metavar="L",
+        help="also play the volumes as sound around the tracked head: loudspeakers as of "
+        "'hfx sound', such as stereo",
+    )
+    parser.add_argument(
+        "--sound-card", default="", metavar="NAME", help="part of the card's name for --sound"
+    )
+    parser.add_argument(
         "--at",
         type=float,
         nargs=2,
@@ -114,6 +123,13 @@ def run(options: argparse.Namespace, console: Console) -> int:
             stack.enter_context(closing(values))
         with console.reading(options.file):
             source = FeltBodies(options.file, devices, ports, values, write_note, tuple(options.at))
+        if options.sound is not None:
+            from ..live_body.live_sound import LiveSound
+            from ..spatial_sound.loudspeakers import parse
+            from ..spatial_sound.sound_settings import SoundSettings
+
+            settings = SoundSettings(layout=parse(options.sound))
+            stack.enter_context(closing(LiveSound(source, settings, options.sound_card)))
         if options.seconds is not None:
             source.end_s = options.seconds
         if options.record is not None:

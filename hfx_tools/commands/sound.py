@@ -75,7 +75,7 @@ def settings_of(options: argparse.Namespace) -> Any:
     """Sound settings from the options; UsageError for impossible combinations."""
     from ..spatial_sound.hearing import Hearing
     from ..spatial_sound.loudspeakers import Panner, parse
-    from ..spatial_sound.scene_sound import SoundSettings
+    from ..spatial_sound.sound_settings import SoundSettings
 
     try:
         hearing = Hearing(

@@ -83,6 +83,16 @@ class AvatarPose:
         shifts = heads - np.einsum("kij,kj->ki", rotations, self._heads)
         return np.concatenate([rotations, shifts[:, :, None]], axis=2)
 
+    def listener(self, matrices: F64) -> F64:
+        """Rigid matrix (3, 4) from the world to the head: X front, Y left, Z up, origin at the
+        head's joint, of the hips for a body without a head; ``matrices`` of :meth:`matrices`."""
+        k = self._first.get("Head", self._first.get("Hips", 0))
+        rotation, shift = matrices[k, :, :3], matrices[k, :, 3]
+        # Columns of the axes are left, back and up of the body at rest.
+        left, back, up = self._axes.T
+        turn = np.stack([-back, left, up]) @ rotation.T
+        return np.column_stack([turn, -turn @ (rotation @ self._heads[k] + shift)])
+
     def _move_hips(self, heads: F64, hips_m: F64 | None, person: VmcBody) -> None:
         """Move all heads so that the hips are at the person's, in place; None leaves the heads."""
         hips = self._first.get("Hips")

@@ -47,6 +47,7 @@ class FeltBody:
     person: VmcBody = field(default_factory=VmcBody)
     state: str = "waiting"  # waiting, tracked, lost
     values: Any = None  # (columns of the clip,) of the last evaluation
+    matrices: Any = None  # (bones, 3, 4) of the last evaluation
 
     def factor(self, now_s: float) -> float:
         """Factor of the values: 1 while poses arrive, 0 before the first and after the fade."""
@@ -62,7 +63,8 @@ class FeltBody:
         if before == "tracked" and not is_here:
             self.state = "lost"
         if self.state != "waiting":
-            self.values = self.core.evaluate(self.pose.matrices(self.person), seconds)
+            self.matrices = self.pose.matrices(self.person)
+            self.values = self.core.evaluate(self.matrices, seconds)
         if before == self.state:
             return ""
         words = {"tracked": "is tracked", "lost": "lost its sender and fades to silence"}
@@ -114,6 +116,7 @@ class FeltBodies:
         self._values, self._say, self._clock = values, say, clock
         self._before_s: float | None = None
         self._effects = _Effects(sections)
+        self.heard: Callable[[float], None] = lambda now_s: None  # called after each evaluation
         self.bodies: dict[str, FeltBody] = {}
         self._worn: dict[str, _Worn] = {}
         self.recorded: dict[str, list[tuple[float, F64]]] = {name: [] for name in devices}
@@ -161,6 +164,7 @@ class FeltBodies:
             self._effects.apply(self._values, body.core)
             if news := body.follow(now_s, seconds):
                 self._say(news)
+        self.heard(now_s)
         for name in self._worn:
             values = self.values(name, now_s)
             if self._parts is not None:
@@ -177,6 +181,24 @@ class FeltBodies:
         if worn.body.values is None:
             return worn.device.neutral
         return weakened(worn.body.values[worn.columns].astype(np.float64), factor, worn.device)
+
+    @property
+    def volumes(self) -> list[int]:
+        """Indices of the clip's volumes, which are sources of sound."""
+        return self._effects.volumes
+
+    def sources(self, now_s: float, tone: float, touch: float) -> tuple[F64, F64]:
+        """Places (S, 3) of all volumes around the first body's head, metres, front, left and up,
+        and amplitudes (S,): ``tone`` times the level, plus ``touch`` times the level on the skin,
+        with gain and fade. Silent before the first pose."""
+        body = next(iter(self.bodies.values()))
+        if body.matrices is None:
+            return np.zeros((len(self.volumes), 3)), np.zeros(len(self.volumes))
+        head = body.pose.listener(body.matrices)
+        places = self._effects.places(self._values) @ head[:, :3].T + head[:, 3]
+        levels = tone * self._effects.levels(self._values)
+        levels += touch * np.array([body.core.touch(k) for k in self.volumes])
+        return places, levels * body.factor(now_s) * self._values.gain
 
     def _body(
         self, content: bytes, sections: Sections, name: str, receiver: OscReceiver, path: str
@@ -203,6 +225,28 @@ class _Effects:
         self._matrices = records["matrix"].astype(np.float64).reshape(-1, 3, 4)
         # As the core begins: volumes on, painted areas off.
         self._factors = [0.0 if kind else 1.0 for kind in records["kind"]]
+
+        self._levels = records["level"].astype(np.float64)
+        self.volumes = [k for k, kind in enumerate(records["kind"]) if not kind]
+
+    def levels(self, values: LiveValues) -> F64:
+        """Levels (S,) of the volumes, 0 to 1, without the touch."""
+        factors = [
+            0.0
+            if values.muted.get(self._names[k])
+            else values.intensities.get(self._names[k], self._factors[k])
+            for k in self.volumes
+        ]
+        return np.asarray(self._levels[self.volumes] * factors)
+
+    def places(self, values: LiveValues) -> F64:
+        """Places (S, 3) of the volumes in the world, metres."""
+        return np.array(
+            [
+                values.vectors.get((self._names[k], "location"), self._matrices[k][:, 3])
+                for k in self.volumes
+            ]
+        ).reshape(-1, 3)
 
     def apply(self, values: LiveValues, core: CoreBody) -> None:
         """Set factors and parameters of a body's effects."""

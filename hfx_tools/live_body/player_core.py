@@ -23,6 +23,8 @@ _RESULTS: Final[dict[str, Any]] = {
     "hfx_error_text": ctypes.c_char_p,
     "hfx_clip_columns": ctypes.c_uint32,
     "hfx_body_bytes": ctypes.c_size_t,
+    "hfx_body_level": ctypes.c_double,
+    "hfx_body_weights": ctypes.POINTER(ctypes.c_float),
 }
 
 
@@ -98,6 +100,14 @@ class CoreBody:
         """Place a volume by its matrix (3, 4) from the unit shape to the world, metres."""
         row = np.ascontiguousarray(matrix, np.float32)
         self._core.hfx_body_set_volume(self._self, effect, row.ctypes.data_as(ctypes.c_void_p))
+
+    def touch(self, effect: int) -> float:
+        """Level 0 to 1 of an effect on the skin at the last evaluation; 0 without a touch."""
+        count = ctypes.c_uint32()
+        weights = self._core.hfx_body_weights(self._self, effect, ctypes.byref(count))
+        if not count.value or not np.ctypeslib.as_array(weights, (count.value,)).any():
+            return 0.0
+        return float(self._core.hfx_body_level(self._self, effect))
 
     def _check(self, error: int, name: str) -> None:
         if error:

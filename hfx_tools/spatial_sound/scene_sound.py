@@ -8,7 +8,6 @@ The sound is in step with the rasters of devices.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import bpy
@@ -26,25 +25,12 @@ from hfx_blender.formats.sound import wav
 from hfx_blender.reading.scene_reader import SceneReader
 
 from . import sound_file
-from .hearing import Hearing, ListenerFrame
-from .loudspeakers import LAYOUTS, LoudspeakerLayout, Panner, Scheme
+from .hearing import ListenerFrame
+from .loudspeakers import Panner
+from .sound_settings import SoundSettings
 from .spatial_mix import Reverberators, SoundSource, SpatialMix
 
 Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True)
-class SoundSettings:
-    """Settings of a scene's sound."""
-
-    layout: LoudspeakerLayout = LAYOUTS["stereo"]
-    scheme: Scheme = "vbap"
-    hearing: Hearing = field(default_factory=Hearing)
-    lowest_hz: float = 220.0  # of the tones, spread over a pentatonic scale
-    octaves: int = 2
-    tone: float = 0.015  # amplitude of sources that are on
-    touch: float = 0.5  # additional amplitude at full contact
-    reverberation_s: float = 1.4
 
 
 class SoundRecorder:
@@ -114,15 +100,10 @@ class SoundRecorder:
         stays at its last position."""
         sources = []
         settings = self._settings
-        steps = (0, 2, 4, 7, 9)  # major pentatonic
         for n, k in enumerate(self._volumes):
             if np.isnan(self._positions[n]).all():
                 continue
-            # Every second step of the scale, so that neighbouring sources are consonant.
-            octave, step = divmod(n * 2 % (len(steps) * settings.octaves), len(steps))
-            # Detune by the golden ratio: equal tones of several sources would cancel.
-            cents = (n * 0.618034 % 1.0 - 0.5) * 0.4
-            tone = settings.lowest_hz * 2.0 ** (octave + (steps[step] + cents) / 12.0)
+            tone = settings.tone_hz(n)
             amplitudes = settings.tone * self._tones[n] + settings.touch * self._touches[n]
             sources.append(
                 SoundSource(

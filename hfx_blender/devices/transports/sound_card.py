@@ -194,7 +194,7 @@ class SoundCard:
         self._lost = ""
         self._is_closed = False
         self._reserved: Keys = frozenset()
-        library = _library()
+        library = sound_library()
         try:
             chosen = int(interface) if interface.isdecimal() else (interface or None)
             self._stream: Any = library.OutputStream(
@@ -316,7 +316,7 @@ class Card:
 def cards() -> list[Card]:
     """Sound cards with output, as PortAudio listed them at the first call in this process.
     OutputLostError with instructions if a library is missing."""
-    library = _library()
+    library = sound_library()
     systems = library.query_hostapis()
     default = library.default.device[1]
     return [
@@ -326,7 +326,7 @@ def cards() -> list[Card]:
     ]
 
 
-def _library() -> Any:
+def sound_library() -> Any:
     """Module ``sounddevice``; OutputLostError with instructions if a library is missing."""
     try:
         import sounddevice

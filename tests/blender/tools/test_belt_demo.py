@@ -24,7 +24,8 @@ from hfx_blender.reading.scene_reader import SceneReader
 from hfx_tools.demo import belt, demo_charts
 from hfx_tools.spatial_sound import scene_sound
 from hfx_tools.spatial_sound.loudspeakers import LAYOUTS, parse
-from hfx_tools.spatial_sound.scene_sound import SoundRecorder, SoundSettings, write_sound
+from hfx_tools.spatial_sound.scene_sound import SoundRecorder, write_sound
+from hfx_tools.spatial_sound.sound_settings import SoundSettings
 
 
 def test_the_scene_holds_a_walker_with_a_belt_and_a_swarm(registered: Any) -> None:
