@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Entries in Blender's own menus and in the 3D viewport's header.
 
-The menus are Add > Haptic, File > Import and Export, context menus, and the NLA editor's Add. The
-header shows the next step from a haptic body to an exported effect.
+The menus are Add > Haptic, File > Import and Export, context menus, the NLA editor's Add, and the
+sequencer's Strip. The header shows the next step from a haptic body to an exported effect.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from ..authoring.effects import effects, swarms
 from ..blender import early_imports
 from ..engine.modality import MODALITIES
 from ..operators.effects.clip_operators import draw_clip_buttons
+from ..operators.media_operators import active_sound
 from ..operators.shared import KeyBindings, active_armature, active_body, active_effect
 from ..playback.live.listening import properties_by_parameter
 from ..properties.objects import SHAPES
@@ -53,6 +54,7 @@ class HFX_MT_add(bpy.types.Menu):
             "hfx.add_from_library", "name", text="Sensation", icon="ASSET_MANAGER"
         )
         layout.operator("hfx.add_rain", icon="OUTLINER_OB_FORCE_FIELD")
+        layout.operator("hfx.feel_sound", icon="SOUND")
         layout.operator("hfx.load_effects", icon="IMPORT")
         layout.operator("hfx.save_effects", icon="EXPORT")
         layout.operator("hfx.paste_effects", icon="PASTEDOWN")
@@ -178,6 +180,14 @@ def draw_nla_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         draw_clip_buttons(self.layout, "Haptic")
 
 
+def draw_strip_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    strip = active_sound(context)
+    if strip is not None:
+        self.layout.separator()
+        self.layout.operator_context = "INVOKE_DEFAULT"
+        self.layout.operator("hfx.feel_sound", icon="VIEW_PAN").strip = strip.name
+
+
 def draw_export_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     self.layout.operator("hfx.export", text="Haptics (.hfxtrack)")
 
@@ -251,6 +261,8 @@ _ENTRIES = {
     "VIEW3D_MT_object_context_menu": draw_object_menu,
     "OUTLINER_MT_object": draw_object_menu,
     "NLA_MT_add": draw_nla_menu,
+    "SEQUENCER_MT_context_menu": draw_strip_menu,
+    "SEQUENCER_MT_strip": draw_strip_menu,
     "TOPBAR_MT_file_export": draw_export_menu,
     "TOPBAR_MT_file_import": draw_import_menu,
 }

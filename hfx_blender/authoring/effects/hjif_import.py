@@ -23,7 +23,7 @@ from ...formats.hjif import hjif_reader
 from ...formats.hjif.body_parts import vertex_masks
 from ...formats.hjif.to_signals import VIBRATIONS, Envelope, envelopes
 from ...formats.signals.curves import Curve, with_crossings
-from ...formats.signals.signals import TICK_S, Piece, mixed, simplified_signals
+from ...formats.signals.signals import TICK_S, Piece, Signal, mixed, simplified_signals
 from .. import clips
 from . import effects
 
@@ -79,12 +79,22 @@ def import_hjif(
 
 
 def _with_ticks(envelope: Envelope) -> Envelope:
-    """Copy of a vibration envelope with its transients mixed in as falling pulses, simplified if it
-    had any or more than 500 keyframes; unchanged without a frequency."""
+    """Copy of a vibration envelope with its transients as pulses, see :func:`with_pulses`;
+    unchanged without a frequency."""
     if envelope.frequency_hz is None:
         return envelope
-    strength, pitch = envelope.strength, envelope.frequency_hz
-    # Effects have one curve each, so transients are mixed into the envelope.
+    curves = envelope.strength, envelope.frequency_hz, envelope.transients
+    signal = with_pulses(Signal(envelope.channel, *curves))
+    strength, pitch = signal.amplitude, signal.frequency_hz
+    return replace(envelope, strength=strength, frequency_hz=pitch, transients=())
+
+
+def with_pulses(signal: Signal) -> Signal:
+    """Copy of a signal with its transients mixed in as falling pulses, as effects have one curve
+    each; simplified if it had any transients or more than 500 keyframes."""
+    strength, pitch = signal.amplitude, signal.frequency_hz
+    if len(strength) <= MOST_KEYS and not signal.transients:
+        return signal
     pieces = [
         Piece(float(strength.times_s[0]), float(strength.times_s[-1]), strength, pitch),
         *(
@@ -94,14 +104,11 @@ def _with_ticks(envelope: Envelope) -> Envelope:
                 Curve.of([tick.time_s, tick.time_s + TICK_S], [tick.amplitude, 0.0]),
                 Curve.of([tick.time_s], [tick.frequency_hz]),
             )
-            for tick in envelope.transients
+            for tick in signal.transients
         ),
     ]
-    if len(strength) > MOST_KEYS or envelope.transients:
-        mixed_signal = mixed(envelope.channel, pieces)
-        (simplified,) = simplified_signals([mixed_signal])
-        strength, pitch = simplified.amplitude, simplified.frequency_hz
-    return replace(envelope, strength=strength, frequency_hz=pitch, transients=())
+    (simplified,) = simplified_signals([mixed(signal.name, pieces)])
+    return simplified
 
 
 def _own_models(document: dict[str, Any], folder: Path) -> set[str]:
@@ -146,11 +153,7 @@ def _add_effects(
     # let each begin where the other ends.
     crossed = with_crossings(envelope.strength, 0.0)
     signs = [1.0, -1.0] if modality == "temperature" else [1.0]
-    created, fps = [], animation_fps(scene)
-
-    def keys(of: Curve) -> list[clips.Key]:
-        return [*zip((of.times_s * fps).tolist(), of.values.tolist(), strict=True)]
-
+    created = []
     for sign in signs:
         curve = Curve(crossed.times_s, np.maximum(sign * crossed.values, 0.0))
         peak = float(curve.values.max())
@@ -164,17 +167,35 @@ def _add_effects(
         else:
             strength = MODALITIES[modality].strength_parameter.prop
             setattr(effect.hfx, strength, peak * (full or getattr(effect.hfx, strength)))
-        # In a clip the curves move together, and hold no value before and after.
-        profile, varying = keys(Curve(curve.times_s, curve.values / peak)), {}
-        if envelope.frequency_hz is not None:
-            effect.hfx.frequency = float(envelope.frequency_hz.values[0])
-            if np.ptp(envelope.frequency_hz.values) > 0.0:
-                varying["hfx.frequency"] = keys(envelope.frequency_hz)
-        (start, _), (end, level) = profile[0], profile[-1]
-        if end == start:
-            end += 1.0
-            profile.append((end, level))
-        clip = {"name": envelope.channel, "profile": profile, "curves": varying}
-        clips.add_clip(effect, frame + start, frame + end, **clip)
+        level = Curve(curve.times_s, curve.values / peak)
+        add_envelope_clip(effect, envelope.channel, level, envelope.frequency_hz, frame, scene)
         created.append(effect)
     return created
+
+
+def add_envelope_clip(
+    effect: bpy.types.Object,
+    name: str,
+    level: Curve,
+    frequency_hz: Curve | None,
+    frame: float,
+    scene: bpy.types.Scene,
+) -> None:
+    """Add a clip from ``frame`` on with a level (0..1) and, if not None, a frequency as keyframes;
+    a constant frequency is set on the effect."""
+    fps = animation_fps(scene)
+
+    def keys(of: Curve) -> list[clips.Key]:
+        return [*zip((of.times_s * fps).tolist(), of.values.tolist(), strict=True)]
+
+    # In a clip the curves move together, and hold no value before and after.
+    profile, varying = keys(level), {}
+    if frequency_hz is not None:
+        effect.hfx.frequency = float(frequency_hz.values[0])
+        if np.ptp(frequency_hz.values) > 0.0:
+            varying["hfx.frequency"] = keys(frequency_hz)
+    (start, _), (end, last) = profile[0], profile[-1]
+    if end == start:
+        end += 1.0
+        profile.append((end, last))
+    clips.add_clip(effect, frame + start, frame + end, name=name, profile=profile, curves=varying)

@@ -113,7 +113,7 @@ def followed(
     loudest = max(float(level.max()), _SILENT)
     gate = max(loudest * 10.0 ** (settings.threshold_db / 20.0), _SILENT)
     amplitude = np.where(level > gate, settings.strength * level / loudest, 0.0)
-    share = np.log(pitch / low) / np.log(high / low)
+    share = np.log(pitch / low) / np.log(settings.band_hz[1] / low)
     hertz = frequencies_through_silence(amplitude, settings.frequencies.hertz(share))
     keys = slice(FRAME_HZ // _KEYS_HZ, None, FRAME_HZ // _KEYS_HZ)
     ends = max(duration_s, times[-1])

@@ -121,7 +121,7 @@ _SAVED = "saved:"  # begins an item of the list of parts
 
 
 @kept_items
-def _parts() -> EnumItems:
+def part_items() -> EnumItems:
     """Body parts in columns by groups, and the user's own areas."""
     items = [("all", "Whole Body", "All of the skin")]
     for group in dict.fromkeys(region.group for region in REGIONS):
@@ -146,7 +146,7 @@ class HFX_OT_fill_part(_PaintedOperator):
     part: EnumProperty(
         name="Part",
         description="Body part, or saved area, to fill; added to the painted area",
-        items=_parts,
+        items=part_items,
         translation_context="HFX",
     )
     side: EnumProperty(
@@ -212,7 +212,10 @@ class HFX_OT_add_on_part(OnBodyOperator):
 
     modality: EnumProperty(name="Modality", description="Sensation", items=MODALITY_ITEMS)
     part: EnumProperty(
-        name="Part", description="Body part, or saved area", items=_parts, translation_context="HFX"
+        name="Part",
+        description="Body part, or saved area",
+        items=part_items,
+        translation_context="HFX",
     )
 
     def work(self, _context: bpy.types.Context) -> None:

@@ -244,6 +244,7 @@ class HFX_PT_media(HfxPanel, bpy.types.Panel):
             row = column.row(align=True)
             row.prop(strip, "frame_start", text="Start Frame")
             row.prop(strip, "volume")
+            column.operator("hfx.feel_sound", icon="VIEW_PAN").strip = strip.name
         for owner in media.videos_of(context.scene):
             is_world = isinstance(owner, bpy.types.World)
             column = layout.box().column(align=True)
