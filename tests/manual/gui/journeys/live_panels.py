@@ -80,7 +80,7 @@ def two_boards() -> Path:
         (resources.device_configs() / "vrc_haptics_board.json").read_text(encoding="utf-8")
     )
     motors = [actuator["id"] for actuator in document["actuators"]]
-    del document["output"]
+    del document["output"], document["side"]  # not mirrored to the right
     document |= {"id": TWO, "name": "Two boards"}
     document["outputs"] = [
         {

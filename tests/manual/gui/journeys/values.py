@@ -51,7 +51,8 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.click(sidebar.x + sidebar.width - 82, y)
     yield 0.5
     h.check(bpy.context.window_manager.hfx_show_values, "Values over Time is switched on")
-    yield 1.0
+    yield from h.move(*h.xy(h.region(), 0.3, 0.8))  # no tooltip in the picture
+    yield 2.0
     h.shot("3_chart.png")
     h.document("editor_values.png", left=0.0, bottom=0.0)
     h.check(known.count == before, "showing them records nothing anew")
