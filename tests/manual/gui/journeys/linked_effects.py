@@ -29,7 +29,9 @@ def steps(h: Any) -> Iterator[float]:
         bpy.context.view_layer.objects.active = linked
         linked.select_set(True)
     h.undo_push()
-    yield 1.5
+    rows = bpy.context.window_manager.hfx_rows
+    yield from h.until(lambda: [row.effect for row in rows] == ["Touch"], "the list shows it", 20)
+    yield 1.0
     h.shot("1_linked.png")
     yield from h.click(*(yield from hands.icon(h, 0, 1)))
     yield 0.5
