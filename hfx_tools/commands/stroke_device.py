@@ -33,7 +33,7 @@ class StrokeDevice:
     def range(self) -> DeviceRange:
         """Range for the files of a stroke: amplitude from 0 to the highest, in units of standard
         gravity; frequency, its neutral value, and the interval between values."""
-        strength, frequency = self._kind.controls
+        strength, frequency = self._kind.modality_controls
         return DeviceRange(
             (0.0, strength.highest / STANDARD_GRAVITY),
             (frequency.lowest, frequency.highest),
@@ -47,7 +47,7 @@ class StrokeDevice:
         The amplitude is multiplied by the device's gain. Amplitude and frequency are clipped to the
         limits of the actuator's controls; at a NaN or infinite value of either, both are neutral.
         """
-        controls = self._kind.controls
+        controls = self._kind.modality_controls
         values = limited(
             np.stack([stroke.amplitude_m_s2 * self._gain, stroke.frequency_hz], axis=1),
             [control.lowest for control in controls],

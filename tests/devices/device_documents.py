@@ -175,6 +175,10 @@ def stepped(kind: dict[str, Any]) -> dict[str, Any]:
     return kind
 
 
+CUSTOM = {
+    "duty": {"unit": "%", "minimum": 0, "maximum": 100, "neutral": 50},
+    "pattern": {"choices": ["off", "sweep", "burst"]},
+}
 UNITS = {"vibration": "m/s^2", "pressure": "kPa", "temperature": "degC", "wind": "m/s"}
 PAD = {
     "mount": {"origin_m": [0, 0.1, 1.2], "x_axis": [1, 0, 0], "y_axis": [0, 0, 1]},
@@ -228,6 +232,7 @@ def documents(outputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
     actual["waveforms"] = with_types(
         *(VIBRATION | {"takes_waveform": True, "waveform": w} for w in ("noise", "square", "sine"))
     )
+    actual["custom"] = with_types(*({**k, "custom": CUSTOM} for k in (VIBRATION, THERMAL, *OTHERS)))
     kinds = ({**kind, "limits": {}} for kind in (VIBRATION, THERMAL, *OTHERS))
     actual["values"] = with_types(*map(stepped, kinds))
     actual["pad"] = changed(**PAD)

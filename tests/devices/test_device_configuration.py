@@ -347,6 +347,43 @@ def test_actuators_that_take_a_waveform_have_no_allowed_values(full, stored):
         assert "actuators that take a waveform have a range only" in message
 
 
+def test_custom_columns_follow_the_parameters(full, stored):
+    full["actuator_types"]["motor"]["custom"] = {
+        "focus_x": {"unit": "m", "minimum": 0.05, "maximum": 0.1},
+        "pattern": {"choices": ["off", "sweep", "burst"]},
+    }
+    device = load_device(stored(full))
+    kind = device.actuator_types["motor"]
+    assert [c.name for c in kind.controls] == [
+        "amplitude_m_s2",
+        "frequency_hz",
+        "focus_x",
+        "pattern",
+    ]
+    _, _, focus, pattern = kind.controls
+    assert (focus.lowest, focus.highest, focus.neutral, kind.unit(focus)) == (0.05, 0.1, 0.05, "m")
+    assert (pattern.values, pattern.neutral, pattern.choices[1]) == ((0, 1, 2), 0, "sweep")
+    assert [c.name for c in kind.modality_controls] == ["amplitude_m_s2", "frequency_hz"]
+    assert kind.unit(kind.strength) == "m/s^2"
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "allowed"),
+    [
+        ("frequency_hz", {"unit": "Hz", "minimum": 0, "maximum": 1}, "a name other than those"),
+        ("duty", {"unit": "%", "minimum": 5, "maximum": 1}, "a number from 5 to 1000000 %"),
+        ("duty", {"unit": "%", "minimum": 0, "maximum": 1, "neutral": 2}, "a number from 0 to 1 %"),
+        ("pattern", {"choices": ["off"]}, "a list of 2 to 256 items"),
+        ("pattern", {"choices": ["off", "off"]}, "off"),
+        ("Duty", {"choices": ["off", "on"]}, "1 to 64 of a-z"),
+    ],
+)
+def test_custom_columns_that_are_refused(full, stored, name, column, allowed):
+    full["actuator_types"]["motor"]["custom"] = {name: column}
+    (message,) = faults_of(stored(full))
+    assert "custom" in message and allowed in message
+
+
 def test_a_type_of_actuators_has_a_name_like_any_other(full, stored):
     full["actuator_types"]["The Motor"] = full["actuator_types"]["motor"]
     with pytest.raises(InputError, match='the name is "The Motor", allowed is 1 to 64'):

@@ -78,7 +78,7 @@ def fields_of_schema(schema: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 def fields_of(value: Any, at: Place = (), path: str = "") -> Iterator[tuple[str, Place]]:
     """Yield fields of a document with the path of each."""
     if isinstance(value, dict):
-        is_free = path in (".actuator_types",)
+        is_free = path == ".actuator_types" or path.endswith(".custom")
         here = path + kind_of(value)
         for key, item in value.items():
             inner = f"{path}.*" if is_free else f"{here}.{key}"
@@ -226,7 +226,7 @@ READER_ONLY = re.compile(
     r"|\.(parameters|limits)\..*, allowed is a number from "
     "|not silent at its minimum|actuators at most|once round is|of a private network"
     "|for all actuators|no other output has|next to 'output'"
-    "|allowed is a list with|have a range only"
+    "|allowed is a list with|have a range only|a name other than those"
 )
 """What the reader says of faults that a schema cannot see."""
 

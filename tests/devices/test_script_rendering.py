@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,6 +18,7 @@ import pytest
 
 from hfx_blender.devices import script_rendering
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.host.guard import Guard
 from hfx_blender.devices.live import approval
 from hfx_blender.devices.script_rendering import Rendered, rendering
 from hfx_blender.devices.workers.haptics import encode_haptics
@@ -36,6 +38,7 @@ from hfx_blender.errors import ScriptError
 from hfx_blender.export.batch import journal
 from hfx_blender.files import resources
 from hfx_tools.commands.conversion import convert
+from hfx_tools.formats import clip_rules
 from hfx_tools.track_rendering import render_devices
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,7 +71,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return devices_folder
 
 
-def own_device(folder: Path, shipped: str, name: str, **kind: float) -> None:
+def own_device(folder: Path, shipped: str, name: str, **kind: Any) -> None:
     content = json.loads((resources.device_configs() / f"{shipped}.json").read_text())
     content["id"] = name
     for actuator_type in content["actuator_types"].values():
@@ -522,3 +525,57 @@ def render(h):
     assert len(printed) == 21
     assert printed[0].endswith("printed: line 0") and printed[19].endswith("printed: line 19")
     assert printed[20] == f"device '{BAND}': its script printed 13 more lines"
+
+
+CUSTOM = {
+    "focus_x": {"unit": "m", "minimum": -0.1, "maximum": 0.1},
+    "pattern": {"choices": ["off", "sweep", "burst"]},
+}
+
+
+def test_a_script_sets_custom_columns_within_their_ranges(
+    folder: Path, path: Path, tmp_path: Path
+) -> None:
+    own_device(folder, "forearm_band", "my_band", custom=CUSTOM)
+    source = """
+def render(h):
+    assert h.columns[2:4] == (("m1", "focus_x"), ("m1", "pattern")), h.columns
+    if h.time_s < 2.0:
+        return {"m1": {"amplitude_m_s2": 3.0, "focus_x": 9.0, "pattern": "burst"}, "m2": 1.0}
+    return None
+"""
+    device = scripted(folder, source)
+    raster = played(path, device)
+    row = raster.values[0]
+    assert row[:4].tolist() == [3.0, 100.0, 0.1, 2.0]
+    assert row[4:8].tolist() == [1.0, 100.0, 0.0, 0.0]
+    assert raster.values[-1].tolist() == device.neutral.tolist()
+    assert [(c.parameter, c.unit) for c in raster.columns[2:4]] == [
+        ("focus_x", "m"),
+        ("pattern", "choice"),
+    ]
+    # The guard has the same ranges in live playback; a number that is none silences the actuator.
+    limited = Guard(device).limited([3.0, 100.0, -9.0, 1.9, 3.0, 100.0, math.nan, 1.0] * 4, 1.0)
+    assert limited[:8].tolist() == [3.0, 100.0, -0.1, 1.0, 0.0, 100.0, 0.0, 0.0]
+    convert(path, tmp_path / "x.csv", device=BAND)
+    head = (tmp_path / "x.csv").read_text().splitlines()[0].split(",")
+    assert head[3:5] == ["m1.focus_x [m]", "m1.pattern [choice]"]
+
+
+def test_a_choice_that_does_not_exist_is_named(folder: Path, path: Path) -> None:
+    own_device(folder, "forearm_band", "my_band", custom=CUSTOM)
+    source = "def render(h):\n    return {'m1': {'pattern': 'wave'}}\n"
+    (reason,) = rendered(path, scripted(folder, source)).silent.values()
+    assert "'wave' for control 'pattern' of actuator 'm1'; allowed is off, sweep, burst" in reason
+
+
+def test_a_clip_leaves_custom_columns_out(folder: Path, path: Path, tmp_path: Path) -> None:
+    own_device(folder, "forearm_band", "my_band", custom=CUSTOM)
+    scripted(folder, "def render(h):\n    return {'m1': {'pattern': 'sweep'}, 'm2': 2.0}\n")
+    convert(path, tmp_path / "x.hfxclip", device=BAND)
+    content = (tmp_path / "x.hfxclip").read_bytes()
+    assert not clip_rules.validate(content, "x")
+    sections = clip_rules.read(content, "x")
+    assert len(sections["COLM"]) == 16  # two for each of eight motors
+    _, values = clip_rules.values_of(sections, 1)
+    assert values.max(axis=0).tolist() == pytest.approx([2.0, 100.0], abs=0.01)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ipaddress
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -132,7 +133,10 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
     return ActuatorType(
         name=name,
         modality=modality.name,
-        controls=tuple(_control(modality, parameter, node) for parameter in modality.controls),
+        controls=(
+            *(_control(modality, parameter, node) for parameter in modality.controls),
+            *_custom_controls(node, modality),
+        ),
         latency_ms=node.number("latency_ms", 0.0),
         update_interval_ms=node.number("update_interval_ms", 10.0),
         takes_waveform=node.get("takes_waveform", False),
@@ -205,6 +209,30 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorContro
     if neutral not in values:
         node["values"].fail(f"a list with {neutral:g}, the neutral value")
     return ActuatorControl(known.name, minimum, maximum, lowest, highest, neutral, values)
+
+
+def _custom_controls(kind: Node, modality: Modality) -> Iterator[ActuatorControl]:
+    """Yield the custom controls of an actuator type. The neutral value is by default 0, clipped to
+    the range, or the first choice. InputError for the name of a parameter, or for a value out of
+    the range."""
+    members = kind["custom"].members() if "custom" in kind else {}
+    for name, node in members.items():
+        if any(name == known.name for known in modality.parameters):
+            node.fail("a name other than those of the modality's parameters")
+        if "choices" in node:
+            choices = tuple(node.get("choices"))
+            last = float(len(choices) - 1)
+            values = tuple(map(float, range(len(choices))))
+            yield ActuatorControl(name, 0.0, last, 0.0, last, 0.0, values, "choice", choices)
+            continue
+        lowest, highest = node.number("minimum"), node.number("maximum")
+        node["maximum"].hold(Number(lowest, 1e6, node.get("unit")))
+        if "neutral" in node:
+            node["neutral"].hold(Number(lowest, highest, node.get("unit")))
+        neutral = node.number("neutral", min(max(0.0, lowest), highest))
+        yield ActuatorControl(
+            name, lowest, highest, lowest, highest, neutral, unit=node.get("unit")
+        )
 
 
 def _allowed_values(node: Node, kind: Node, in_range: Number) -> tuple[float, ...]:

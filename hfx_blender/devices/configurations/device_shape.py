@@ -162,6 +162,27 @@ _NO_VIBRATION: Final[Mapping[str, Shape]] = {
 }
 
 
+CUSTOM: Final = Table(
+    Either(
+        "choices",
+        strict({"choices": Items(ID, 2, MAX_VALUES, order="unique")}),
+        strict(
+            {
+                "unit": Text(
+                    pattern=r"[\x21-\x7e]{1,16}", note="1 to 16 characters without spaces"
+                ),
+                "minimum": Number(-1e6, 1e6),
+                "maximum": Number(-1e6, 1e6),
+            },
+            {"neutral": Number(-1e6, 1e6)},
+        ),
+    ),
+    1,
+    ID,
+    "an object with at least one custom control",
+)
+
+
 def _actuator_type(modality: Modality) -> Record:
     """JSON shape of an actuator type of a modality, without the field ``modality``; only vibration
     has waveform, resonance, drive curves and thresholds."""
@@ -176,6 +197,7 @@ def _actuator_type(modality: Modality) -> Record:
         {"parameters": strict({p.name: _range(modality, p) for p in modality.controls})},
         {
             "limits": strict({}, limits),
+            "custom": CUSTOM,
             **_TIMING,
             **(_VIBRATION if is_vibration else _NO_VIBRATION),
         },

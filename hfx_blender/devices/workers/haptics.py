@@ -168,6 +168,7 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
             )
         return values
     index = {column: k for k, column in enumerate(columns)}
+    controls = haptics.device.controls
     strengths = {a.id: a.type.strength.name for a in haptics.actuators}
     values = haptics.neutral
     for actuator, entry in answer.items():
@@ -181,5 +182,12 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
         for control, value in by_control.items():
             if (actuator, control) not in index:
                 raise ValueError(f"actuator '{actuator}' has no control {control!r}")
-            values[index[actuator, control]] = float(value)
+            column = index[actuator, control]
+            choices = controls[column].choices
+            if isinstance(value, str) and value not in choices:
+                raise ValueError(
+                    f"the script returned {value!r} for control '{control}' of actuator "
+                    f"'{actuator}'; allowed is {', '.join(choices) or 'a number'}"
+                )
+            values[column] = choices.index(value) if isinstance(value, str) else float(value)
     return values

@@ -38,15 +38,17 @@ DEAD_MAN_MS: Final = 250
 
 @dataclass(frozen=True)
 class ActuatorControl:
-    """Control parameter of an actuator, in the unit of the modality's parameter."""
+    """Control parameter of an actuator, in the unit of the modality's parameter or its own."""
 
-    name: str  # name of the modality's parameter
+    name: str  # name of the modality's parameter, or of a custom control
     minimum: float  # range of the hardware
     maximum: float
     lowest: float  # allowed range: that of the hardware within configured limits
     highest: float
     neutral: float  # value in silence
     values: tuple[float, ...] = ()  # allowed values within limits, ascending; (): all
+    unit: str = ""  # of a custom control
+    choices: tuple[str, ...] = ()  # of a custom control: the value is an index
 
     @property
     def reach(self) -> float:
@@ -56,7 +58,8 @@ class ActuatorControl:
 
 @dataclass(frozen=True)
 class ActuatorType:
-    """Kind of actuator; the first control is the modality's strength."""
+    """Kind of actuator; the first control is the modality's strength. Custom controls, which only
+    a script sets, follow those of the modality."""
 
     name: str
     modality: str  # key of modality.MODALITIES
@@ -78,15 +81,19 @@ class ActuatorType:
         return self.controls[0]
 
     @property
+    def modality_controls(self) -> tuple[ActuatorControl, ...]:
+        """Controls without the custom ones, which alone have a unit of their own."""
+        return tuple(control for control in self.controls if not control.unit)
+
+    @property
     def is_stepped(self) -> bool:
         """True if a parameter has a list of allowed values."""
         return any(control.values for control in self.controls)
 
     def unit(self, control: ActuatorControl) -> str:
         """Unit of a control's parameter, such as "m/s^2"."""
-        # The names were checked when the configuration was read, so one always fits.
         parameters = MODALITIES[self.modality].parameters
-        return next(known.unit for known in parameters if known.name == control.name)
+        return next((x.unit for x in parameters if x.name == control.name), control.unit)
 
 
 @dataclass(frozen=True)

@@ -108,17 +108,19 @@ class _Baked:
         firsts = len(self._actuators), len(self._columns)
         for actuator, part in zip(device.actuators, device.actuator_columns, strict=True):
             self._add_actuator(device, actuator, raster.values[:, part])
-        counts = len(device.actuators), len(device.controls)
+        column_count = sum(len(actuator.type.modality_controls) for actuator in device.actuators)
+        counts = len(device.actuators), column_count
         self._devices.append((*names, firsts[0], counts[0], firsts[1], counts[1], DEAD_MAN_MS))
 
     def _add_actuator(self, device: DeviceConfig, actuator: Actuator, values: F64) -> None:
         """Append an actuator, its columns, and the rows where a quantized value changes. The first
         row is always stored."""
         kind, text = actuator.type, self._texts.add
+        controls = kind.modality_controls  # the format has no custom columns
         numbers = np.stack(
             [
                 numbers_of(values[:, k], control.lowest, control.highest)
-                for k, control in enumerate(kind.controls)
+                for k, control in enumerate(controls)
             ],
             axis=1,
         )
@@ -143,7 +145,7 @@ class _Baked:
                 text(actuator.id),
                 _MODALITIES.index(kind.modality),
                 len(self._columns),
-                len(kind.controls),
+                len(controls),
                 self._row_count,
                 len(rows),
                 self._number_count,
@@ -162,7 +164,7 @@ class _Baked:
                 0,
             )
         )
-        for control in kind.controls:
+        for control in controls:
             lowest, highest, neutral = control.lowest, control.highest, control.neutral
             (neutral_number,) = numbers_of(np.array([neutral]), lowest, highest).tolist()
             names = text(control.name), text(kind.unit(control))
