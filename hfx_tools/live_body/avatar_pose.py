@@ -65,7 +65,8 @@ class AvatarPose:
         self._leg_m = self._leg_length([self._head("UpperLeg"), self._head("LowerLeg")])
 
     def matrices(self, person: VmcBody) -> F64:
-        """Matrices (bones, 3, 4) from rest space to the world; the rest pose without any bone."""
+        """Matrices (bones, 3, 4) from rest space to the world; the rest pose without any bone. A
+        headset turns a head without a bone; without hips the body stands below the headset."""
         world, hips_m = _world_rotations(person)
         turned = {h: self._axes @ world[h] @ self._axes.T @ self._corrections[h] for h in world}
         count = len(self._humans)
@@ -79,6 +80,9 @@ class AvatarPose:
                 rotations[k] = turned[human or "Hips"]
                 heads[k] = self._heads[k]
         self._move_hips(heads, hips_m, person)
+        headset, head = _headset(person), self._first.get("Head")
+        if hips_m is None and headset is not None and head is not None:
+            heads += self._axes @ np.array(headset.position_m) - heads[head]
         heads += self._place_m
         shifts = heads - np.einsum("kij,kj->ki", rotations, self._heads)
         return np.concatenate([rotations, shifts[:, :, None]], axis=2)
@@ -158,14 +162,32 @@ def _world_rotations(person: VmcBody) -> tuple[dict[str, F64], F64 | None]:
     still = BonePose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     poses = person.poses
     root = poses.get(ROOT, still)
-    top = _matrix(root.rotation)
+    top, headset = _matrix(root.rotation), _headset(person)
+    head = None if headset is None or "Head" in poses else _matrix(headset.rotation)
+    if head is not None and "Hips" not in poses:
+        top = _heading(head)
     world: dict[str, F64] = {}
     for bone, parent in PARENTS.items():
         above = world[parent] if parent else top
         world[bone] = above @ _matrix(poses[bone].rotation) if bone in poses else above
+        if bone == "Head" and head is not None:
+            world[bone] = head
     if "Hips" not in poses:
         return world, None
     return world, top @ np.array(poses["Hips"].position_m) + np.array(root.position_m)
+
+
+def _headset(person: VmcBody) -> BonePose | None:
+    """Pose of the first headset in the world; None without a headset."""
+    return next((pose for (kind, _), pose in person.devices.items() if kind == "Hmd"), None)
+
+
+def _heading(turn: F64) -> F64:
+    """Rotation (3, 3) about Z to the heading of a rotation of a body that faces -Y at rest."""
+    x, y, _ = -turn[:, 1]
+    length = float(np.hypot(x, y))  # 0 for a look straight up or down
+    sine, cosine = (x / length, -y / length) if length > 1e-9 else (0.0, 1.0)
+    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _matrix(rotation: tuple[float, float, float, float]) -> F64:

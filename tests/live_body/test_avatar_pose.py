@@ -88,6 +88,32 @@ def test_a_person_without_bones_leaves_the_place_of_the_body() -> None:
     assert at["hips"] == pytest.approx([0.0, 0.0, 1.0])
 
 
+def test_a_headset_without_bones_places_head_and_body() -> None:
+    body = VmcBody()
+    # Turned left by 90 degrees about Z, and 30 degrees down about the own left axis: at 1.5 m.
+    tilt = (math.cos(math.radians(15)), math.sin(math.radians(15)), 0.0, 0.0)
+    quarter = (HALF, 0.0, 0.0, HALF)
+    rotation = (HALF * tilt[0], HALF * tilt[1], HALF * tilt[1], HALF * tilt[0])
+    assert quarter[0] * tilt[0] == pytest.approx(rotation[0])
+    body.devices["Hmd", "LHR-1"] = BonePose((2.0, 3.0, 1.5), rotation)
+    matrices = avatar().matrices(body)
+    at = heads(matrices)
+    assert at["head"] == pytest.approx([2.0, 3.0, 1.5])
+    # The hips are 0.6 m below; the left thigh, 0.1 m to the left, is now at +Y.
+    assert at["hips"] == pytest.approx([2.0, 3.0, 0.9])
+    assert at["leftUpperLeg"] == pytest.approx([2.0, 3.1, 0.8])
+    # The head looks along +X and down: -Y is (cos 30, 0, sin -30).
+    assert matrices[2, :, :3] @ [0.0, -1.0, 0.0] == pytest.approx([math.cos(math.pi / 6), 0, -0.5])
+
+
+def test_a_headset_turns_a_head_without_a_bone() -> None:
+    body = person()
+    body.devices["Hmd", "LHR-1"] = BonePose((9.0, 9.0, 9.0), (HALF, 0.0, 0.0, HALF))
+    matrices = avatar().matrices(body)
+    assert heads(matrices)["hips"] == pytest.approx([0.0, 0.0, 1.0])
+    assert matrices[2, :, :3] @ [0.0, -1.0, 0.0] == pytest.approx([1.0, 0.0, 0.0])
+
+
 def test_vrms_thumb_has_another_name_in_unity() -> None:
     assert unity_name("leftThumbMetacarpal") == "LeftThumbProximal"
     assert unity_name("rightThumbProximal") == "RightThumbIntermediate"
