@@ -13,10 +13,11 @@ from pathlib import Path
 if not __package__:  # run as a program
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from release.native_build import ROOT, BuildError, Compiler, Target, compiler, this_target
+from release.native_build import NATIVE, ROOT, BuildError, Compiler, Target, compiler, this_target
 
 FOLDER = Path("hfx_tools", "live_body")  # of the finished library
 _SOURCE = Path("players", "native", "core_library.c")
+_WINDOWS = Path(NATIVE, "source", "windows.c")  # entry point of a DLL, and growth of the stack
 # The options of players/native/build.py, with sections for a small file; no trap, no stack guard.
 _FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-g0", "-Wall", "-Wextra")
 _FLAGS += ("-fno-sanitize=undefined", "-fno-stack-protector")
@@ -30,7 +31,7 @@ def library_name(target: Target) -> str:
 def mark(target: Target, root: Path = ROOT) -> str:
     """Text inside the library by which a file is recognised; BuildError without sources."""
     hasher = hashlib.sha256(" ".join(_FLAGS).encode())
-    paths = [root / _SOURCE, *sorted(root.glob("players/core/*.h"))]
+    paths = [*_sources(target, root), *sorted(root.glob("players/core/*.h"))]
     for path in paths:
         try:
             text = path.read_bytes().replace(b"\r\n", b"\n")
@@ -38,6 +39,10 @@ def mark(target: Target, root: Path = ROOT) -> str:
             raise BuildError(f"{path}: {error.strerror}") from error
         hasher.update(b"%s\0%d\0%s" % (path.name.encode(), len(text), text))
     return f"hfx_player_core {hasher.hexdigest()[:16]} {target.zig} {target.processor}"
+
+
+def _sources(target: Target, root: Path) -> list[Path]:
+    return [root / name for name in (_SOURCE, *[_WINDOWS] * target.is_windows)]
 
 
 def is_current(library: Path, target: Target, root: Path = ROOT) -> bool:
@@ -61,8 +66,9 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
             run = Compiler(zig, target, Path(name))
             header = Path(name, "hfx_core_build.h")
             header.write_text(f'#define HFX_CORE_BUILD "{mark(target, root)}"\n', encoding="utf-8")
-            compiled = run.compile(root / _SOURCE, [*_FLAGS, "-include", header.name])
-            linked = run.link([compiled], library_name(target))
+            flags = [*_FLAGS, "-include", header.name]
+            compiled = [run.compile(source, flags) for source in _sources(target, root)]
+            linked = run.link(compiled, library_name(target))
             folder.mkdir(parents=True, exist_ok=True)
             new = folder / f"{library_name(target)}.new"  # on the folder's own disk
             new.write_bytes(linked.read_bytes())

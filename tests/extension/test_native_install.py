@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -235,3 +236,20 @@ def test_each_python_gets_the_library_of_its_own_kind(
     monkeypatch.setattr(native_build.platform, "machine", lambda: machine)
     actual = native_build.this_target()
     assert actual == (native_build.TARGETS[expected] if expected else None)
+
+
+@pytest.mark.parametrize("name", ["windows-x64", "windows-arm64"])
+def test_a_release_compiles_the_core_of_windows_without_libraries_of_a_compiler(
+    name: str, tmp_path: Path
+) -> None:
+    target = native_build.TARGETS[name]
+    library = core_build.build(target, tmp_path, native_build.compiler())
+    content = library.read_bytes()
+    assert library.name == "hfx_core.dll"
+    header = int.from_bytes(content[0x3C:0x40], "little")
+    assert content[header : header + 4] == b"PE\0\0"
+    machine = int.from_bytes(content[header + 4 : header + 6], "little")
+    assert machine == {"windows-x64": 0x8664, "windows-arm64": 0xAA64}[name]  # of Microsoft's page
+    imported = {item.lower() for item in re.findall(rb"[\w-]+\.dll(?=\0)", content, re.IGNORECASE)}
+    system = {item for item in imported if item.startswith((b"kernel32", b"ucrtbase", b"api-ms-"))}
+    assert imported - system <= {b"hfx_core.dll"}
