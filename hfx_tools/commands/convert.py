@@ -69,7 +69,7 @@ def _add_sound_options(parser: argparse.ArgumentParser) -> None:
         group.add_argument(f"--{name}", type=kind, metavar=metavar, help=text)
 
     add("strength", float, "%", "amplitude of the loudest moment (default: 100)")
-    add("smoothing", float, "MS", "length of the window that smooths the envelope (default: 20)")
+    add("smoothing", float, "MS", "length of the window that smooths the envelope (default: 12)")
     add("band", _range, "LOW:HIGH", "part of the sound to follow, Hz (default: 20:8000)")
     add("threshold", float, "DB", "silence below this, relative to the loudest (default: -40)")
     add(
