@@ -33,6 +33,27 @@ def remove_handlers(handlers: Handlers) -> None:
             installed.remove(handler)
 
 
+class DrawHandlers:
+    """Draw functions in the main regions of editors, while registered; none in background mode.
+
+    An entry is a type of space, a function without arguments, and the stage of drawing:
+    ``POST_VIEW`` in the scene's space, ``POST_PIXEL`` in pixels of the region.
+    """
+
+    def __init__(self, *entries: tuple[type[bpy.types.Space], Callable[[], None], str]) -> None:
+        self._entries = entries
+        self._added: list[tuple[type[bpy.types.Space], object]] = []
+
+    def register(self) -> None:
+        for space, function, stage in () if bpy.app.background else self._entries:
+            self._added.append((space, space.draw_handler_add(function, (), "WINDOW", stage)))
+
+    def unregister(self) -> None:
+        for space, handle in self._added:
+            space.draw_handler_remove(handle, "WINDOW")
+        self._added.clear()
+
+
 def call_soon(
     function: Callable[[], Any], delay_s: float = 0.0, *, outlives_load: bool = False
 ) -> None:

@@ -3,28 +3,14 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
 from typing import Final
 
-MATERIAL_TITLES: Final = {
-    "gravel-fine": ("gravel", "Fine gravel"),
-    "gravel-coarse": ("gravel", "Coarse gravel"),
-    "gravel-pebbles": ("gravel", "Pebbles"),
-    "gravel-sharp": ("gravel", "Crushed stone"),
-    "metal-brushed": ("metal", "Brushed metal"),
-    "metal-satin": ("metal", "Satin metal"),
-    "metal-cast": ("metal", "Cast metal"),
-    "metal-hammered": ("metal", "Hammered metal"),
-    "fabric-shirting": ("fabric", "Shirting"),
-    "fabric-denim": ("fabric", "Denim"),
-    "fabric-twill": ("fabric", "Twill"),
-    "fabric-basket": ("fabric", "Basket weave"),
-    "fabric-satin": ("fabric", "Satin"),
-    "fabric-corduroy": ("fabric", "Corduroy"),
-    "wood-oak": ("wood", "Oak"),
-    "wood-pine": ("wood", "Pine"),
-    "wood-weathered": ("wood", "Weathered planks"),
-    "wood-veneer": ("wood", "Veneer"),
-}
+with Path(__file__).with_name("materials.csv").open(encoding="utf-8", newline="") as _file:
+    MATERIAL_TITLES: Final = {
+        row["name"]: (row["kind"], row["title"]) for row in csv.DictReader(_file)
+    }
 """Kind and title of each procedural material, in order of display."""
 
 FABRICS: Final = ("shirting", "denim", "costume")

@@ -12,6 +12,7 @@ from gpu_extras.batch import batch_for_shader
 from ...authoring.effects import effects
 from ...authoring.paths import paths, skin_picking
 from ...authoring.volumes import effect_colour
+from ...blender.events import DrawHandlers
 from ...blender.scene_info import metres_of
 from ...errors import HfxError
 
@@ -28,7 +29,6 @@ _PENDING_COLOUR = (1.0, 0.85, 0.2, 1.0)
 
 _anchors: dict[int, skin_picking.Anchors] = {}
 pending_clicks: tuple[bpy.types.Object | None, F64 | None, F64 | None] = (None, None, None)
-_draw_handle: object | None = None
 
 
 def show_pending(
@@ -144,16 +144,11 @@ def _draw() -> None:
         return  # the export and the panels report faults
 
 
-def register() -> None:
-    global _draw_handle
-    if not bpy.app.background:
-        _draw_handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW")
+_handlers = DrawHandlers((bpy.types.SpaceView3D, _draw, "POST_VIEW"))
+register = _handlers.register
 
 
 def unregister() -> None:
-    global _draw_handle
-    if _draw_handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_draw_handle, "WINDOW")
-        _draw_handle = None
+    _handlers.unregister()
     _anchors.clear()
     show_pending(None)

@@ -13,6 +13,7 @@ from mathutils import Matrix, Vector
 
 from ...authoring import volumes
 from ...authoring.effects import effects, swarms
+from ...blender.events import DrawHandlers
 from ...blender.translation import translated
 from ...engine.modality import MODALITIES
 
@@ -171,17 +172,8 @@ def _draw_legend() -> None:
             blf.draw(0, text)
 
 
-_handles: list[object] = []
-
-
-def register() -> None:
-    if not bpy.app.background:
-        add = bpy.types.SpaceView3D.draw_handler_add
-        _handles.append(add(_draw_in_scene, (), "WINDOW", "POST_VIEW"))
-        _handles.append(add(_draw_legend, (), "WINDOW", "POST_PIXEL"))
-
-
-def unregister() -> None:
-    for handle in _handles:
-        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
-    _handles.clear()
+_handlers = DrawHandlers(
+    (bpy.types.SpaceView3D, _draw_in_scene, "POST_VIEW"),
+    (bpy.types.SpaceView3D, _draw_legend, "POST_PIXEL"),
+)
+register, unregister = _handlers.register, _handlers.unregister

@@ -54,7 +54,10 @@ class ViewportPreview:
         self._checked_s = self._check_duration_s = 0.0  # end and duration of the last check
         self._content: Preview | None = None
         self._chart: ChartView | None = None
-        self._draw_handles: list[object] = []
+        view = bpy.types.SpaceView3D
+        self.draw_handlers = events.DrawHandlers(
+            (view, self._draw, "POST_VIEW"), (view, self._draw_chart, "POST_PIXEL")
+        )
         self._handlers = {
             "frame_change_post": self.on_frame,
             "depsgraph_update_post": self.on_update,
@@ -89,18 +92,6 @@ class ViewportPreview:
         remove_timers(
             self.check_scene, self.schedule_check, self.reread, self._record, self._prepare
         )
-
-    def begin_drawing(self) -> None:
-        """Add the draw handlers of all 3D viewports."""
-        add = bpy.types.SpaceView3D.draw_handler_add
-        self._draw_handles.append(add(self._draw, (), "WINDOW", "POST_VIEW"))
-        self._draw_handles.append(add(self._draw_chart, (), "WINDOW", "POST_PIXEL"))
-
-    def end_drawing(self) -> None:
-        """Remove the draw handlers."""
-        for handle in self._draw_handles:
-            bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
-        self._draw_handles.clear()
 
     def invalidate(self) -> None:
         """Discard colours and glow; the next drawing computes them."""
@@ -354,11 +345,11 @@ def register() -> None:
     if bpy.app.background:  # no drawing there, and exports step through time
         return
     preview.listen()
-    preview.begin_drawing()
+    preview.draw_handlers.register()
 
 
 def unregister() -> None:
-    preview.end_drawing()
+    preview.draw_handlers.unregister()
     preview.stop_listening()
     for name in _SWITCHES:
         delattr(bpy.types.WindowManager, name)

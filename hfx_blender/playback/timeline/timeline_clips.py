@@ -147,7 +147,6 @@ def _draw_rows(context: bpy.types.Context, rows: Iterable[Row]) -> None:
     blf.disable(0, blf.SHADOW)
 
 
-_handles: dict[type[bpy.types.Space], object] = {}
 _view: tuple[float, ...] = ()  # first and last frame of the timeline drawn last
 _has_failed = False  # True after an exception; drawing stops then
 
@@ -171,13 +170,7 @@ def _draw() -> None:
         _log.exception("clips in the timeline or NLA Editor")
 
 
-def register() -> None:
-    if not bpy.app.background:
-        for space in (bpy.types.SpaceDopeSheetEditor, bpy.types.SpaceNLA):
-            _handles[space] = space.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
-
-
-def unregister() -> None:
-    while _handles:
-        space, handle = _handles.popitem()
-        space.draw_handler_remove(handle, "WINDOW")
+_handlers = events.DrawHandlers(
+    (bpy.types.SpaceDopeSheetEditor, _draw, "POST_PIXEL"), (bpy.types.SpaceNLA, _draw, "POST_PIXEL")
+)
+register, unregister = _handlers.register, _handlers.unregister
