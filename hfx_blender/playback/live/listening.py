@@ -16,7 +16,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...authoring import clips
-from ...authoring.effects import effect_values, effects
+from ...authoring.effects import effects
 from ...blender import compat
 from ...blender.events import add_handlers, call_soon, redraw, remove_handlers, remove_timers
 from ...blender.scene_info import fps_of
@@ -235,6 +235,8 @@ def properties_by_parameter(effect: bpy.types.Object) -> dict[str, str]:
 def _property_of(effect: bpy.types.Object, name: str) -> tuple[str, Any]:
     """Data path and definition of an animatable number of an effect, or of the place of a volume;
     "" and None without it. Filters of the contact response are named ``response/0/decay``."""
+    from ...authoring.effects import effect_values  # needs numpy, which Blender's start does not
+
     owner, path = effect.hfx, "hfx."
     if name in effect_values.TRANSFORM and effect.hfx.kind == "VOLUME":
         owner, path = effect, ""
