@@ -579,3 +579,16 @@ def test_a_clip_leaves_custom_columns_out(folder: Path, path: Path, tmp_path: Pa
     assert len(sections["COLM"]) == 16  # two for each of eight motors
     _, values = clip_rules.values_of(sections, 1)
     assert values.max(axis=0).tolist() == pytest.approx([2.0, 100.0], abs=0.01)
+
+
+def test_the_thermal_grill_warms_and_cools_neighbours(path: Path) -> None:
+    raster = played(path, load_device("thermal_grill"))
+    assert raster.actuators == ("warm1", "cool1", "warm2", "cool2", "warm3", "cool3")
+    warm, cool = raster.values[:, ::2] - 33.0, 33.0 - raster.values[:, 1::2]
+    assert (warm >= 0.0).all() and (cool >= 0.0).all()
+    # Craig and Bushnell 1994: bars of 40 and 20 degC, so 7 and 13 from the skin at 33.
+    assert warm.max() <= 7.0 and cool.max() <= 13.0 and warm.max() > 1.0
+    assert cool[:, 0] == pytest.approx(warm[:, :2].max(axis=1) * 13.0 / 7.0)  # between two bars
+    together = warm.any(axis=1)
+    assert together.any() and (together == cool.any(axis=1)).all()
+    assert raster.values[-1].tolist() == [33.0] * 6

@@ -50,6 +50,7 @@ EXPECTED = {  # parts, sides, actuators
     "arduino_uno_pwm": ("forearm", {LEFT}, 6),
     "vrc_haptics_board_left": ("forearm", {LEFT}, 8),
     "vrc_haptics_board_right": ("forearm", {RIGHT}, 8),
+    "thermal_grill": ("forearm", {LEFT}, 6),
     "sound_card_8": ("torso", None, 8),
     "peltier_sleeve_left": ("forearm", {LEFT}, 2),
     "peltier_sleeve_right": ("forearm", {RIGHT}, 2),

@@ -22,6 +22,10 @@ def steps(h: Any) -> Iterator[float]:
     panels = yield from h.panels(h.region("UI"))
     yield from h.click(h.region("UI").x + 60, panels[BELOW][1])
     yield 0.6
+    for _ in range(2):  # the panels above are closed, so that devices are in sight
+        panels = yield from h.panels(h.region("UI"))
+        yield from h.click(h.region("UI").x + 60, panels[0][1])
+        yield 0.6
 
     live = hands.module("playback.live.live").live
     with h.context():
@@ -60,8 +64,16 @@ def steps(h: Any) -> Iterator[float]:
         bpy.ops.hfx.live_add(name="two_boards")
     devices["two_boards"].is_expanded = False
     yield 0.8
+    before = yield from h.radios()
     yield from h.press_button("HFX_OT_live_connect")
-    yield 3.0
+    yield 2.0
+    kinds = [place for place in (yield from h.radios()) if place not in before]
+    height = max(set(y for _, y in kinds), key=[y for _, y in kinds].count)
+    left = min(x for x, y in kinds if y == height)
+    yield from h.click(left + 88, height)  # Device
+    yield 2.5
+    yield from h.move(left, height + 26)  # a redraw of the dialog
+    yield 0.5
     h.shot("3_two_outputs.png")
     yield from h.key("Escape")
     yield 0.5
