@@ -91,6 +91,12 @@ class TrackedRig:
         spine = [f"spine{k:02d}" for k in range(5, 0, -1) if f"spine{k:02d}" in self._bones]
         for k, joint in enumerate(spine, 1):
             human[self._bones[joint]] = _SPINES[-(-k * len(_SPINES) // len(spine)) - 1]
+        between = {up.name for name in human for up in armature.data.bones[name].parent_recursive}
+        for bone in armature.pose.bones:
+            # Segments of a limb, as Rigify's, that constraints would hold at the control bones.
+            above = human.get(bone.parent.name, "") if bone.parent and bone.constraints else ""
+            if above and bone.name in between:
+                human.setdefault(bone.name, above)
         self.names = tuple(name for name in armature.pose.bones.keys() if name in human)
         self._axes = self._axes_of(armature)
         corrections = self._arm_corrections(armature)

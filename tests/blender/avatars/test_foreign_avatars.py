@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,8 +17,10 @@ from hfx_blender.engine.body.rigs.rig import canonical_heads, canonical_parents
 
 bpy = pytest.importorskip("bpy")
 import rigify_avatar  # noqa: E402
+from mathutils import Quaternion, Vector  # noqa: E402
 
 from hfx_blender.avatars import avatar_meshes, bodies, stored_fits  # noqa: E402
+from hfx_blender.avatars.tracked_rig import HumanPose, TrackedRig, keep_pose  # noqa: E402
 from hfx_blender.engine.stepwise import finish  # noqa: E402
 
 MODEL_ID = "hfx-pressure-1"
@@ -72,3 +76,20 @@ def test_a_generated_rig_is_followed_by_its_deforming_bones(rigify: None) -> Non
     # The skin is bound to the bones moved by Rigify's controls.
     assert all(name.startswith("DEF-") for name in fitted.bone_names)
     assert canonical_parents().keys() == mapping.bones.keys() | mapping.fallbacks.keys()
+
+
+def test_a_generated_rig_follows_a_tracked_person(rigify: None) -> None:
+    """A T-pose turned by 90 degrees about Y points the left arm down, segments included."""
+    meta = rigify_avatar.metarig()
+    rigify_avatar.fit(meta)
+    rig = rigify_avatar.generated(meta)
+    tracked = TrackedRig(rig)
+    keep_pose(rig, tracked.names)
+    pose = HumanPose({"LeftUpperArm": Quaternion((0, 1, 0), math.pi / 2)})
+    tracked.apply(tracked.bases(pose, rig), rig)
+    bpy.context.view_layer.update()
+    heads = [
+        rig.pose.bones[name].head for name in ("DEF-upper_arm.L", "DEF-forearm.L", "DEF-hand.L")
+    ]
+    for first, second in pairwise(heads):
+        assert ((second - first).normalized() - Vector((0, 0, -1))).length < 1e-3

@@ -76,8 +76,8 @@ def end(kind: str, person: Person) -> None:
 
 
 def is_felt(board: Board) -> bool:
-    """Test for a vibration; a device that froze while a body model was loaded is armed again."""
-    if live.states[BELT].state == "frozen":
+    """Test for a vibration; a device that stopped while body models were loaded is armed again."""
+    if live.states[BELT].state in ("frozen", "fault"):
         live.arm()
     return board.strength > 0.0
 
@@ -109,7 +109,7 @@ def run(trials: int) -> int:
         ended_s = time.perf_counter()
         end(kind, person)
         if not main_loop(lambda: board.strength == 0.0, 2.0):
-            print(f"trial {number}: no silence after {kind}")  # noqa: T201
+            print(f"trial {number}: no silence after {kind}: {live.states}")  # noqa: T201
             return 1
         times.setdefault(kind, []).append(board.changed_s - ended_s)
         body_tracking.stop_all()
