@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,14 @@ def add_parser(commands: Any) -> None:
     )
     add_json(sub, _make)
     study_run.add_parser(actions)
+    sub = actions.add_parser(
+        "report",
+        help="analyse the answers",
+        description="Analyse the answers by the design of the plan, and write report.html, one "
+        "page that prints.",
+    )
+    _add_folder(sub)
+    add_json(sub, _report)
     sub = actions.add_parser("delete", help="delete all data of a participant")
     _add_folder(sub)
     sub.add_argument("participant", metavar="NN", help="number of the participant")
@@ -79,6 +88,28 @@ def _make(options: argparse.Namespace, console: Console) -> int:
         }
     )
     return 0
+
+
+def _report(options: argparse.Namespace, console: Console) -> int:
+    from ..study import report
+    from ..study.analysis import analysed
+    from ..study.folder import Study
+
+    study = Study(options.folder)
+    results = analysed(study)
+    path = report.write(study, results)
+    console.say(f"{path}: {results['participants']} participants, {results['trials']} trials")
+    console.result({"file": str(path), **_without_nan(results)})
+    return 0
+
+
+def _without_nan(value: Any) -> Any:
+    """Copy of a result with None for numbers that are not finite, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _delete(options: argparse.Namespace, console: Console) -> int:

@@ -95,14 +95,12 @@ class PsychometricGrid:
     def next_level(self) -> int:
         """Index of the level with the lowest expected entropy; of equal levels the lowest."""
         posterior = self._posterior()
-        chances = self._chances
-        yes_chance = np.einsum("ltsk,tsk->l", chances, posterior)
-        # Threshold and spread after either answer, lapses marginalised.
-        yes = np.einsum("ltsk,tsk->lts", chances, posterior) / yes_chance[:, None, None]
-        no = np.einsum("ltsk,tsk->lts", 1.0 - chances, posterior) / (
-            1.0 - yes_chance[:, None, None]
-        )
-        entropy = yes_chance * entr(yes).sum((1, 2)) + (1.0 - yes_chance) * entr(no).sum((1, 2))
+        # Joint probability of the answer and of threshold and spread, lapses marginalised.
+        yes = np.einsum("ltsk,tsk->lts", self._chances, posterior)
+        no = posterior.sum(axis=2) - yes
+        entropy = entr(yes).sum((1, 2)) + entr(no).sum((1, 2))
+        # Entropy given the answer: the joint entropy without that of the answer itself.
+        entropy -= entr(yes.sum((1, 2))) + entr(no.sum((1, 2)))
         return int(np.argmin(np.round(entropy, 12)))
 
     def fit(self, yes: I64, total: I64) -> Fit:

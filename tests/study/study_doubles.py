@@ -68,13 +68,15 @@ def eager(screen: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def session_of(
-    study: folder.Study, answer: Callable[[Mapping[str, Any]], Mapping[str, Any]] = eager
+    study: folder.Study,
+    answer: Callable[[Mapping[str, Any]], Mapping[str, Any]] = eager,
+    participant: str = "01",
 ) -> tuple[Session, SilentPlayer, Observer, AnswerFile]:
-    """Session of participant 01 with doubles; the caller closes the file of answers."""
+    """Session with doubles; the caller closes the file of answers."""
     library = StimulusLibrary(study, devices_of(study.plan, [DEVICE]))
-    answers = AnswerFile(study.data_file("01"), event_columns(study.plan))
+    answers = AnswerFile(study.data_file(participant), event_columns(study.plan))
     player, observer = SilentPlayer(), Observer(answer)
-    session = Session(study, "01", library, player, observer, answers, ready_s=0.0)  # type: ignore[arg-type]
+    session = Session(study, participant, library, player, observer, answers, ready_s=0.0)  # type: ignore[arg-type]
     return session, player, observer, answers
 
 
