@@ -24,7 +24,7 @@ def begin() -> None:
         return
     _has_begun = True
     # Not a daemon: Python waits for the imports, a second at most, before Blender quits.
-    threading.Thread(target=_import_all, name="imports of HFX").start()
+    threading.Thread(target=_import_all, name="imports").start()
 
 
 def _import_all() -> None:
