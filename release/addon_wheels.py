@@ -46,6 +46,7 @@ IN_BLENDER = {
 }
 COMPUTED: dict[str, set[str]] = {
     "avatars/bodies.py": {"scipy", "trimesh"},
+    "blender/early_imports.py": {"scipy", "trimesh"},
     "blender/registration.py": set(),  # the package's own operators and panels
     "commands/doctor.py": set(),  # libraries that are there, or not
     "commands/left_out.py": set(),  # of 'hfx_tools': an absent package gives a message

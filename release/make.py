@@ -53,9 +53,16 @@ def main() -> int:
     parser.add_argument(
         "--part", action="append", choices=PARTS, help="build one part (repeatable; default: all)"
     )
+    parser.add_argument(
+        "--repository",
+        metavar="ADDRESS",
+        help="of the source code on the web, for links and pictures of the page on PyPI",
+    )
     parser.add_argument("--site", action="store_true", help="build the documentation, too")
     options = parser.parse_args()
     output: Path = options.output
+    if options.repository:
+        os.environ["HFX_REPOSITORY"] = options.repository  # read by release/hatch_metadata.py
     builders = {"python": python_packages, "blender": extensions, "games": game_packages}
     try:
         for part in options.part or PARTS:

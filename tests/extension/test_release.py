@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import configparser
 import hashlib
+import importlib
 import json
 import re
 import subprocess
+import sys
 import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -148,3 +151,20 @@ def test_the_core_package_leads_to_first_values_with_files_of_its_own(tmp_path: 
     folders = {f"{name.partition('/')[0]}/" for name in names if "/" in name}
     listed = re.findall(r"^\| `([^`]+)`", text, re.MULTILINE)
     assert all(entry in names | folders for entry in listed) and len(listed) == 5
+
+
+def test_the_description_for_pypi_has_whole_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PyPI resolves no relative address, and shows pictures of GitHub's ``raw`` addresses."""
+    module = ModuleType("interface")
+    module.MetadataHookInterface = object  # type: ignore[attr-defined]
+    for name in ("hatchling", "hatchling.metadata", "hatchling.metadata.plugin"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    monkeypatch.setitem(sys.modules, "hatchling.metadata.plugin.interface", module)
+    monkeypatch.delitem(sys.modules, "release.hatch_metadata", raising=False)
+    hook = importlib.import_module("release.hatch_metadata")
+    text = "![a\nb](docs/p.webp) [c](x.md#y) [d](https://e.org/z) [f](#g) [h](mailto:i@j.k)"
+    assert hook.with_addresses(text, "https://github.com/o/n", "v1.2.3") == (
+        "![a\nb](https://github.com/o/n/raw/v1.2.3/docs/p.webp) "
+        "[c](https://github.com/o/n/blob/v1.2.3/x.md#y) "
+        "[d](https://e.org/z) [f](#g) [h](mailto:i@j.k)"
+    )
