@@ -296,7 +296,7 @@ class HFX_OT_live_connect(OfDevice):
         return ""
 
 
-class HFX_OT_live_phone(MenuOperator, LiveOperator):
+class HFX_OT_live_phone(LiveOperator):
     """Open a web page in the local network that vibrates a phone; the panel shows its address and
     code. The page is not encrypted: use it in a network that you trust"""
 

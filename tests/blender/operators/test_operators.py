@@ -714,3 +714,15 @@ def test_a_choice_of_a_menu_is_the_only_question(operator: Any) -> None:
         context = SimpleNamespace(window_manager=manager)
         assert operator.invoke(stand_in, context, None) == result
     assert len(menus) == 1  # without a choice, as from Menu Search
+
+
+def test_an_operator_answered_in_a_menu_names_its_property() -> None:
+    """`invoke`, as by a button, reads the property; a script's call does not."""
+    from hfx_blender.operators.shared import MenuOperator
+
+    kinds = MenuOperator.__subclasses__()
+    assert {"HFX_OT_live_add", "HFX_OT_live_find"} <= {kind.__name__ for kind in kinds}
+    for kind in kinds:
+        assert kind.bl_property in kind.__annotations__, kind
+    # Without a property to choose, the button runs the operator.
+    assert not hasattr(connect_operators.HFX_OT_live_phone, "invoke")

@@ -28,8 +28,7 @@ def steps(h: Any) -> Iterator[float]:
         yield 0.6
 
     live = hands.module("playback.live.live").live
-    with h.context():
-        bpy.ops.hfx.live_phone()
+    yield from h.press_button("HFX_OT_live_phone")
     devices = bpy.context.scene.hfx.devices
     devices["phone_lra"].is_expanded = False
     state = lambda: live.states["phone_lra"]  # noqa: E731
