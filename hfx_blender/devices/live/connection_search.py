@@ -73,7 +73,9 @@ def searched(device: DeviceConfig, settings: LiveSettings) -> Generator[Connecti
     if settings.kind == "DEVICE" and len(device.parts) > 1:
         searches = [searched(x, settings.of_output(k)) for k, x in enumerate(device.parts)]
         for first, *more in zip(*searches, strict=True):
-            hint = ". ".join(filter(None, (x.hint for x in (first, *more))))
+            # Two boards may lack for the same reason; some hints end with a full stop.
+            hints = dict.fromkeys(x.hint.rstrip(".") for x in (first, *more) if x.hint)
+            hint = ". ".join(hints)
             yield replace(first, hint=hint, more=tuple(more))
     kind = settings.kind if settings.kind != "DEVICE" else kind_of(device)
     if kind == "websocket":

@@ -112,3 +112,12 @@ def test_a_log_needs_a_file() -> None:
     assert first(device, LiveSettings("CSV")).hint == "Choose a file for the log"
     assert first(device, LiveSettings("CSV", path="a.csv")).hint == ""
     assert first(device, LiveSettings("SIMULATOR")).hint == ""
+
+
+def test_two_missing_boards_are_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection_search, "serial_ports", list)
+    uno = load_device(UNO)
+    (output,) = uno.outputs
+    parts = tuple(replace(output, actuators=part) for part in ((0, 1, 2), (3, 4, 5)))
+    hint = first(replace(uno, outputs=parts), LiveSettings(kind="DEVICE")).hint
+    assert hint.count("was not found") == 1 and ".." not in hint
