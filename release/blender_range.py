@@ -132,7 +132,8 @@ def main() -> int:
             tests = run_suite(python, options.processes) if options.suite else None
             results[version] = Result(demo, not differing, tests)
             build_addon.say(f"Blender {version.bpy}: demo {demo}; tests {tests or 'did not run'}")
-    write_tables(results, ROOT)
+            # After each version: a run takes hours, and may be ended early.
+            write_tables(results, ROOT)
     return int(not all(result.is_good for result in results.values()))
 
 
