@@ -84,6 +84,7 @@ class HFX_MT_list(bpy.types.Menu):
         layout.separator()
         for name in ("scale_strength", "scale_frequency", "modulate"):
             layout.operator(f"hfx.{name}")
+        layout.operator("hfx.compare_takes", icon="ARROW_LEFTRIGHT")
         layout.separator()
         layout.operator("hfx.copy_effects", icon="COPYDOWN")
         layout.operator("hfx.paste_effects", icon="PASTEDOWN")

@@ -44,6 +44,15 @@ def add_parser(commands: Any) -> None:
     )
     _add_folder(sub)
     add_json(sub, _report)
+    sub = actions.add_parser("export", help="write the lists of trials for PsychoPy or jsPsych")
+    _add_folder(sub)
+    sub.add_argument("--for", dest="program", choices=("psychopy", "jspsych"), required=True)
+    add_json(sub, _export)
+    sub = actions.add_parser("import", help="take a participant's list from PsychoPy or jsPsych")
+    _add_folder(sub)
+    sub.add_argument("participant", metavar="NN", help="number of the participant")
+    sub.add_argument("file", type=Path, metavar="FILE", help="conditions (.csv) or a list (.json)")
+    add_json(sub, _import)
     sub = actions.add_parser("delete", help="delete all data of a participant")
     _add_folder(sub)
     sub.add_argument("participant", metavar="NN", help="number of the participant")
@@ -110,6 +119,31 @@ def _without_nan(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_without_nan(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _export(options: argparse.Namespace, console: Console) -> int:
+    from ..study import exchange
+    from ..study.folder import Study
+    from ..study.stimuli import StimulusLibrary, devices_of
+
+    study = Study(options.folder)
+    library = StimulusLibrary(study, devices_of(study.plan, ())) if study.plan.device else None
+    paths = exchange.write(study, options.program, library)
+    console.say(f"wrote {len(paths)} files in {paths[0].parent}")
+    console.result({"files": [str(path) for path in paths]})
+    return 0
+
+
+def _import(options: argparse.Namespace, console: Console) -> int:
+    from ..study import exchange
+    from ..study.folder import Study
+
+    study = Study(options.folder)
+    label = study.label(options.participant)
+    trials = exchange.read(study, label, options.file)
+    console.say(f"participant {label}: {len(trials)} trials of {options.file}")
+    console.result({"participant": label, "trials": len(trials)})
+    return 0
 
 
 def _delete(options: argparse.Namespace, console: Console) -> int:

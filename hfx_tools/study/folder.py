@@ -72,7 +72,7 @@ class Study:
         for name in ("training.tsv", "trials.tsv"):
             path = folder / name
             rows = read_table(path, columns) if path.exists() else []
-            lists.append([self._parsed(row, path) for row in rows])
+            lists.append([self.parsed(row, path) for row in rows])
         return lists[0], lists[1]
 
     def participants(self) -> list[str]:
@@ -104,7 +104,7 @@ class Study:
         rows = [{"participant_id": f"sub-{label}"} for label in self.participants()]
         write_table(self.folder / "participants.tsv", ["participant_id"], rows)
 
-    def _parsed(self, row: Row, path: Path) -> Trial:
+    def parsed(self, row: Row, path: Path) -> Trial:
         """Trial of a row of text: values of factors as in the plan. InputError for other values."""
         plan, parsed = self.plan, dict[str, Value](row)
         parsed["trial"] = int(row["trial"]) if row["trial"].isdigit() else row["trial"]

@@ -22,6 +22,8 @@ from hfx_blender.engine.arrays import F64, I64
 
 _LAPSES: Final = np.array([0.0, 0.01, 0.02, 0.04, 0.07, 0.1])
 _LAPSE_PRIOR: Final = (1.0 - _LAPSES) ** 19  # Beta(1, 20): lapses are rare
+_SPREAD_SHARE: Final = 0.05  # of the range of levels: centre of the prior
+_SPREAD_DECADES: Final = 0.3  # standard deviation of its logarithm
 _COVERAGE: Final = 0.95
 
 
@@ -56,7 +58,8 @@ class PsychometricGrid:
     """Posterior of threshold, spread and lapse on a grid, for fixed levels.
 
     ``levels``: two or more, ascending, above 0 for a logarithmic scale. ``counts``: thresholds and
-    spreads of the grid. The prior is flat in threshold and in log spread.
+    spreads of the grid. The prior is flat in threshold; the spread is near 5 % of the range of the
+    levels, within a factor of about 2.
     """
 
     def __init__(
@@ -73,7 +76,8 @@ class PsychometricGrid:
         extent = float(self._x[-1] - self._x[0])
         margin = 0.1 * extent
         self.thresholds = np.linspace(self._x[0] - margin, self._x[-1] + margin, counts[0])
-        self.spreads = extent * np.geomspace(0.005, 0.5, counts[1])
+        shares_of_range = np.geomspace(0.01, 0.3, counts[1])
+        self.spreads = extent * shares_of_range
         shares = expit(
             (self._x[:, None, None] - self.thresholds[None, :, None]) / self.spreads[None, None, :]
         )[..., None]
@@ -84,7 +88,10 @@ class PsychometricGrid:
             chances = 0.5 * lapses + (1.0 - lapses) * shares
         # A perfect observer would make one contrary answer impossible.
         self._chances = np.clip(chances, 1e-6, 1.0 - 1e-6)
-        self._log_prior = np.broadcast_to(np.log(_LAPSE_PRIOR), self._chances.shape[1:])
+        deviations = np.log10(shares_of_range / _SPREAD_SHARE) / _SPREAD_DECADES
+        self._log_prior = np.broadcast_to(
+            np.log(_LAPSE_PRIOR) - 0.5 * deviations[:, None] ** 2, self._chances.shape[1:]
+        )
         self._log_yes, self._log_no = np.log(self._chances), np.log1p(-self._chances)
         self._log_posterior = self._log_prior.copy()
 

@@ -105,6 +105,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
         row.operator("hfx.live_find", icon="VIEWZOOM")
         row.operator("hfx.live_import", text="", icon="IMPORT")
         layout.operator("hfx.live_phone", icon="URL")
+        layout.operator("hfx.run_study", icon="COMMUNITY")
         if hfx.devices:
             column = layout.column(align=True)
             column.label(text="Play Space")
