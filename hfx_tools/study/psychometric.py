@@ -22,7 +22,7 @@ from hfx_blender.engine.arrays import F64, I64
 
 _LAPSES: Final = np.array([0.0, 0.01, 0.02, 0.04, 0.07, 0.1])
 _LAPSE_PRIOR: Final = (1.0 - _LAPSES) ** 19  # Beta(1, 20): lapses are rare
-_SPREAD_SHARE: Final = 0.05  # of the range of levels: centre of the prior
+_SPREAD_SHARE: Final = 0.04  # of the range of levels: centre of the prior
 _SPREAD_DECADES: Final = 0.3  # standard deviation of its logarithm
 _COVERAGE: Final = 0.95
 
@@ -58,7 +58,7 @@ class PsychometricGrid:
     """Posterior of threshold, spread and lapse on a grid, for fixed levels.
 
     ``levels``: two or more, ascending, above 0 for a logarithmic scale. ``counts``: thresholds and
-    spreads of the grid. The prior is flat in threshold; the spread is near 5 % of the range of the
+    spreads of the grid. The prior is flat in threshold; the spread is near 4 % of the range of the
     levels, within a factor of about 2.
     """
 
