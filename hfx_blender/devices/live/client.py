@@ -43,7 +43,8 @@ class DeviceState:
         """Apply an event of this device's number, or "gone": lost, without levels. "levels" and
         "log" leave the state; "closed" does not replace "lost"."""
         if event.event == "gone":  # the output process, and all devices with it
-            self.state, self.text, self.levels = "lost", event.text, ()
+            if self.state != "lost":  # the first reason explains the later ones
+                self.state, self.text, self.levels = "lost", event.text, ()
         elif event.device != self.number:
             return
         elif event.event == "levels":

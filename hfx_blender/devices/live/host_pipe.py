@@ -136,11 +136,13 @@ class HostPipe:
             return
         self.void()
         stop = message(MessageKind.STOP, EVERY_DEVICE, reason.encode())
+        # Before the message: its confirmation may arrive before this thread goes on, and a time
+        # stored afterwards would never be cleared.
+        if self._asked_silence_s is None:
+            self._asked_silence_s = time.monotonic()
         if self.urgent:
             self.urgent.append(stop)  # an unsent message may arm a device: a second stop follows
         self.urgent.appendleft(stop)
-        if self._asked_silence_s is None:
-            self._asked_silence_s = time.monotonic()
         self._nudge()
 
     def watch(self) -> None:

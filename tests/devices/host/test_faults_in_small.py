@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 import zlib
+from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -178,6 +179,30 @@ def test_a_stop_before_ready_keeps_the_starting_deadline(
     now[0] += STOP_PATIENCE_S + 0.01
     pipe.watch()
     assert worker.is_killed
+    worker.ends()
+    client.events()
+    assert "did not confirm the stop" in client.devices["band"].text, "the reason of the end"
+
+
+def test_a_stop_confirmed_before_its_call_returns_is_confirmed(
+    client: LiveClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The threads of the pipe may send a stop and read its confirmation while this one waits."""
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    pipe = client.pipe
+    worker: Any = pipe.worker
+    worker.says(MessageKind.JSON, b'{"event": "ready", "device": 0, "text": "1"}')
+
+    class Prompt(deque[bytes]):
+        def appendleft(self, item: bytes) -> None:
+            worker.says(MessageKind.JSON, b'{"event": "silent", "device": 0}')
+
+    pipe.urgent = Prompt()
+    client.stop_all("enough")
+    now[0] += 60.0
+    pipe.watch()
+    assert not worker.is_killed
 
 
 def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
