@@ -3,7 +3,6 @@
 
 ``python tests/manual/processes/live_timing.py CLIP --changes 300`` sends a body of 60 poses 60
 times a second, and prints the times from the datagram of a new pose to the frame at the port.
-``--stops 100`` prints the times from a signal to the first frame without vibration.
 ``--transport pty`` is a serial board, ``udp`` a board that receives OSC; ``--bodies 2`` needs a
 clip of two bodies. CLIP: a volume round the trunk of a body with the shipped ``waist_belt``. POSIX.
 """
@@ -15,7 +14,7 @@ import json
 import os
 import random
 import re
-import signal
+import select
 import socket
 import struct
 import subprocess
@@ -24,7 +23,8 @@ import tempfile
 import threading
 import time
 import tty
-import zlib
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +33,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
 
-from hfx_blender.devices.transports.wire_board import FrameKind, Receiver, encode_frame
 from hfx_blender.tracking.vmc_body import PARENTS
+from hfx_tools.bench.safety.firmware_core import Board as FirmwareBoard
+from hfx_tools.bench.safety.firmware_core import built
 
 ROOT = Path(__file__).resolve().parents[3]
 AWAY_M = 50.0  # beyond the volume
@@ -84,39 +85,57 @@ class Sender(threading.Thread):
 
 
 class Board(threading.Thread):
-    """Double of a device: the strength of its strongest motor, as of the newest frame."""
+    """Double of a device: the strength of its strongest motor, as of the newest frame.
+
+    ``pty``: the board's firmware, compiled for this computer, with its dead-man switch of 250 ms.
+    """
 
     def __init__(self, transport: str) -> None:
         super().__init__(daemon=True)
         self.transport, self.strength, self.changed_s = transport, 0.0, 0.0
         self.first_s: float | None = None  # of the first change after clearing
+        self.is_by_dead_man = False  # the last silence, by the board's own clock
+        self.changed: Callable[[], object] = lambda: None  # called after each change
+        self._is_over = False
         if transport == "pty":
-            self.end, port = os.openpty()
-            tty.setraw(port)
-            self.port = os.ttyname(port)
+            self.end, self._device_end = os.openpty()
+            tty.setraw(self._device_end)
+            self.port = os.ttyname(self._device_end)
+            self.firmware = FirmwareBoard(_firmware(), 32)
         else:
             self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             self.socket.bind(("127.0.0.1", 0))
             self.port = str(self.socket.getsockname()[1])
             self._motors: dict[bytes, float] = {}
 
+    def close(self) -> None:
+        """End the thread and close the terminal of a ``pty``."""
+        self._is_over = True
+        self.join()
+        os.close(self.end)
+        os.close(self._device_end)
+
     def run(self) -> None:
-        receiver = Receiver()
-        while True:
+        while not self._is_over:
             if self.transport == "udp":
                 self._take_osc(self.socket.recv(65536), time.perf_counter())
                 continue
-            content, now_s = os.read(self.end, 4096), time.perf_counter()
-            for frame in receiver.take(content):
-                if frame.kind == FrameKind.CONFIGURE:
-                    ready = zlib.crc32(frame.payload).to_bytes(4, "little") + b"\x20"
-                    os.write(self.end, encode_frame(FrameKind.READY, frame.sequence, ready))
-                elif frame.kind == FrameKind.VALUES:
-                    # After the CRC of the configuration and the time to live.
-                    levels = frame.payload[6:]
-                    self._set(max(struct.unpack(f"<{len(levels) // 2}H", levels)), now_s)
-                elif frame.kind == FrameKind.STOP:
-                    self._set(0.0, now_s)
+            is_readable = select.select([self.end], [], [], 0.005)[0]
+            content, now_s = os.read(self.end, 4096) if is_readable else b"", time.perf_counter()
+            board = self.firmware
+            if content:
+                board.now_ms = int(1000.0 * now_s)
+                board.take(content)
+            # The board's own clock runs only while no frame waits for this thread.
+            elif not select.select([self.end], [], [], 0.0)[0]:
+                board.now_ms = int(1000.0 * now_s) - 1
+                board.wait(1)
+            if self.strength and not max(board.levels):
+                self.is_by_dead_man = not content
+            self._set(max(board.levels), now_s)
+            if board.sent:
+                replies, board.sent[:] = bytes(board.sent), b""
+                os.write(self.end, replies)
 
     def _take_osc(self, datagram: bytes, now_s: float) -> None:
         for address, number in re.findall(rb"(/[a-z_]+\d?)\0+,f\0\0(....)", datagram, re.DOTALL):
@@ -128,6 +147,47 @@ class Board(threading.Thread):
             self.strength, self.changed_s = strength, now_s
             if self.first_s is None:
                 self.first_s = now_s
+            self.changed()
+
+
+class DistantBoard(threading.Thread):
+    """:class:`Board` on a terminal in a process of its own: its times do not wait for this one."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        command = [sys.executable, str(Path(__file__).resolve()), "--board"]
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, bufsize=0)
+        assert process.stdout is not None
+        self._output = process.stdout
+        self.port = b"".join(iter(lambda: self._output.read(1), b"\n")).decode()
+        self.strength, self.changed_s, self.is_by_dead_man = 0.0, 0.0, False
+
+    def run(self) -> None:
+        while record := self._output.read(_CHANGE.size):
+            strength, self.changed_s, self.is_by_dead_man = _CHANGE.unpack(record)
+            self.strength = strength  # last, as readers wait for it
+
+
+_CHANGE = struct.Struct("dd?")
+
+
+def print_changes() -> None:
+    """Run a board, and write its port and each change to standard output, until a kill."""
+    board = Board("pty")
+    os.write(1, f"{board.port}\n".encode())
+    board.changed = lambda: os.write(
+        1, _CHANGE.pack(board.strength, board.changed_s, board.is_by_dead_man)
+    )
+    board.start()
+    owner = os.getppid()
+    while os.getppid() == owner:
+        time.sleep(0.5)
+
+
+@cache
+def _firmware() -> Any:
+    with tempfile.TemporaryDirectory() as folder:
+        return built(Path(folder))
 
 
 def free_port() -> int:
@@ -229,45 +289,20 @@ def changes(options: argparse.Namespace, folder: Path) -> int:
     return 0
 
 
-def stops(options: argparse.Namespace, folder: Path) -> int:
-    """Measure signals until the board is silent."""
-    seconds: dict[str, list[float]] = {}
-    for number in range(options.stops):
-        session = Session(options, folder)
-        name = random.choice(("SIGINT", "SIGTERM", "SIGHUP"))
-        try:
-            if not until(lambda board=session.board: board.strength > 0.0, 30.0):
-                print(number, session.close())  # noqa: T201
-                continue
-            time.sleep(random.uniform(0.05, 0.4))
-            sent_s = time.perf_counter()
-            session.process.send_signal(getattr(signal, name))
-            if not until(lambda board=session.board: board.strength == 0.0, 2.0):
-                print(f"{name}: no silence")  # noqa: T201
-                return 1
-            seconds.setdefault(name, []).append(session.board.changed_s - sent_s)
-            session.process.wait(10.0)
-        finally:
-            session.close()
-    for name, times in sorted(seconds.items()):
-        shown(f"{name} to silence at {options.transport}", times)
-    return 0
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("clip", type=Path)
-    parser.add_argument("--changes", type=int, default=0)
-    parser.add_argument("--stops", type=int, default=0)
+    parser.add_argument("--changes", type=int, default=300)
     parser.add_argument("--transport", choices=("pty", "udp"), default="pty")
     parser.add_argument("--bodies", type=int, default=1)
     parser.add_argument("--names", nargs="*", default=["Avatar", "Avatar.001"])
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        if options.changes and changes(options, Path(folder)):
-            return 1
-        return stops(options, Path(folder)) if options.stops else 0
+        return changes(options, Path(folder))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    if sys.argv[1:] == ["--board"]:
+        print_changes()
+    else:
+        sys.exit(main())
