@@ -279,6 +279,7 @@ def add_walk(
     cycle = data.action = bpy.data.actions.new(f"{armature.name} Walk Cycle")
     _key_cycle(armature, cycle, walk)
     strip = data.nla_tracks.new().strips.new("Walk", frame_start, cycle)
+    strip.name = "Walk"  # before Blender 4.5 a new strip has the action's name
     strip.action_frame_start, strip.action_frame_end = 0, len(walk.rotations)
     # Each repetition advances by a stride, so feet do not slide.
     strip.repeat = distance / walk.stride_m
