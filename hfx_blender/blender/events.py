@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import bpy
@@ -17,12 +17,13 @@ Handlers = Mapping[str, Callable[..., None]]
 """Functions by the name of their list in ``bpy.app.handlers``."""
 
 
-def add_handlers(handlers: Handlers) -> None:
-    """Append handlers to ``bpy.app.handlers``, unless installed already."""
+def add_handlers(handlers: Handlers, first: Collection[str] = ()) -> None:
+    """Append handlers to ``bpy.app.handlers``, unless installed already; in the lists ``first``
+    insert them before all others."""
     for name, handler in handlers.items():
         installed = getattr(bpy.app.handlers, name)
         if handler not in installed:
-            installed.append(handler)
+            installed.insert(0 if name in first else len(installed), handler)
 
 
 def remove_handlers(handlers: Handlers) -> None:

@@ -173,8 +173,8 @@ class BodyTracking:
         except HfxError as error:
             self.fail(str(error))
         except Exception as error:
-            _log.error("body tracking", exc_info=error)
             self.fail(f"{type(error).__name__}: {error}")
+            _log.error("body tracking", exc_info=error)
         return STEP_S if self.trackers else None
 
     def _set_factor(self, now_s: float) -> None:
@@ -185,10 +185,11 @@ class BodyTracking:
             live.resend(bpy.context.scene)
 
     def fail(self, text: str) -> None:
-        """Stop the tracking and all devices, with an error message for the panel."""
+        """Stop all devices, then the tracking, with an error message for the panel."""
+        # The stop comes first: the end of receiving waits for a thread.
+        live.fail(text)
         self.stop_all()
         self.fault = text
-        live.fail(text)
         redraw("VIEW_3D")
 
     @persistent

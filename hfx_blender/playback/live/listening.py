@@ -97,14 +97,14 @@ class Listening:
         except HfxError as error:
             self._fail(str(error))
         except Exception as error:
-            _log.error("listening", exc_info=error)
             self._fail(f"{type(error).__name__}: {error}")
+            _log.error("listening", exc_info=error)
         return STEP_S if self.receiver is not None else None
 
     def _fail(self, text: str) -> None:
+        live.fail(text)  # first, as the end of receiving waits for a thread
         self.stop()
         self.fault = text
-        live.fail(text)
         redraw("VIEW_3D")
 
     def _apply(self, change: ValueChange) -> None:

@@ -48,7 +48,8 @@ class LiveHandlers:
 
     def listen(self) -> None:
         """Add the handlers and the heartbeat timer."""
-        add_handlers(self._handlers)
+        # Stops come first: earlier handlers, also of other add-ons, may take long.
+        add_handlers(self._handlers, first=("load_pre", "undo_pre", "redo_pre"))
         call_soon(self.beat, BEAT_S, outlives_load=True)
 
     def stop_listening(self) -> None:
@@ -148,8 +149,8 @@ class LiveHandlers:
         self._listener.forget()
 
     def _fail(self, error: Exception) -> None:
-        _log.error("live", exc_info=error)
         self._listener.fail(f"{type(error).__name__}: {error}")
+        _log.error("live", exc_info=error)  # may wait for the terminal
 
 
 SLOW_S: Final = 0.2

@@ -146,6 +146,18 @@ def test_errors_end_the_tracking_with_one_sentence(avatar: Any) -> None:
     assert body_tracking.fault == "A tracked body was deleted." and not body_tracking.trackers
 
 
+def test_an_error_stops_the_devices_before_anything_that_waits(
+    avatar: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    person = tracked(avatar, RuntimeError("socket"))
+    monkeypatch.setattr(person, "close", lambda: order.append("closed"))
+    monkeypatch.setattr(live, "stop_all", lambda reason: order.append(f"stopped: {reason}"))
+    monkeypatch.setattr(module._log, "error", lambda *_, **__: order.append("logged"))
+    body_tracking.step()
+    assert order == ["stopped: RuntimeError: socket", "closed", "logged"]
+
+
 def test_a_recording_is_an_action_of_keys(avatar: Any) -> None:
     scene = bpy.context.scene
     scene.frame_set(5)

@@ -21,6 +21,7 @@ from hfx_blender.blender import compat
 from hfx_blender.files import resources
 from hfx_blender.operators.live import input_operators
 from hfx_blender.playback.evaluation import evaluation
+from hfx_blender.playback.live import listening as module
 from hfx_blender.playback.live.body_tracking import body_tracking
 from hfx_blender.playback.live.listening import listening
 from hfx_blender.playback.live.live import live
@@ -226,6 +227,20 @@ def test_undo_and_another_file_end_the_listening(port: int, ending: str) -> None
     assert listening.receiver is None and evaluation.overrides == {}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", port))  # the port is free again
+
+
+def test_an_error_stops_the_devices_before_anything_that_waits(
+    port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    receiver: Any = listening.receiver
+    close = receiver.close
+    monkeypatch.setattr(receiver, "take", lambda: 1 // 0)
+    monkeypatch.setattr(receiver, "close", lambda: (order.append("closed"), close()))
+    monkeypatch.setattr(live, "stop_all", lambda reason: order.append("stopped"))
+    monkeypatch.setattr(module._log, "error", lambda *_, **__: order.append("logged"))
+    assert listening.step() is None and "ZeroDivisionError" in listening.fault
+    assert order == ["stopped", "closed", "logged"]
 
 
 def test_addresses_are_copied_for_the_active_effect(port: int) -> None:

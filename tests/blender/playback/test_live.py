@@ -230,6 +230,8 @@ def test_undo_and_load_are_listened_to_only_while_a_device_is_connected(log: Pat
         ]
 
     assert ours() == [True] * 5
+    for name in names[:3]:  # before slow handlers of other add-ons
+        assert here(name)[0].__self__ is live.handlers
     bpy.ops.hfx.live_disconnect(name=PAD)
     assert ours() == [False] * 5
     assert not events.is_waiting(live.handlers.beat)
@@ -257,6 +259,15 @@ def test_an_error_of_ours_stops_and_is_told(log: Path, monkeypatch: pytest.Monke
     assert "ZeroDivisionError" in live.fault
     bpy.ops.wm.read_homefile(use_empty=True)
     assert live.fault == "", "of another file"
+
+
+def test_an_error_stops_before_it_is_logged(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    order: list[str] = []
+    monkeypatch.setattr(live, "stop_all", lambda reason: order.append("stopped"))
+    monkeypatch.setattr(live_handlers._log, "error", lambda *_, **__: order.append("logged"))
+    monkeypatch.setattr(live, "exchange_heartbeat", lambda: 1 // 0)
+    live.handlers.beat()
+    assert order == ["stopped", "logged"]
 
 
 def test_an_export_is_not_played(log: Path) -> None:
