@@ -40,6 +40,12 @@ SCHEMES = (
     ("line", "Line", "Equal-power panning between two neighbours of a strip"),
     ("vbap", "VBAP", "Panning between two or three neighbours by direction"),
     ("splat", "Splat", "All actuators, weighted by distance: soft and wide"),
+    ("brush", "Tactile Brush", "Overlapping bursts along the skin, felt as continuous motion"),
+    (
+        "saltation",
+        "Saltation",
+        "Short taps of the nearest actuator, felt as hops between actuators",
+    ),
 )
 """Rendering schemes of a device in a scene."""
 

@@ -12,14 +12,15 @@ import re
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 
 from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.rendering.device_config import BodyPlace, DeviceConfig, Scheme
+from hfx_blender.engine.rendering.device_config import BodyPlace, DeviceConfig, Scheme, SchemeName
+from hfx_blender.engine.rendering.panning.bursts import Bursts, rhythm_s
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.rendering.schemes import panned_layout
 from hfx_blender.errors import InputError
@@ -29,7 +30,7 @@ from .stimulus_files import file_raster, raster_of
 
 COMPASS: Final = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 _LAWS: Final = {"linear": "linear", "log": "log", "logarithmic": "log", "power": "power"}
-_SCHEMES: Final = ("coverage", "nearest", "barycentric", "surface", "ring", "line", "vbap", "splat")
+_SCHEMES: Final = get_args(SchemeName)
 _STRENGTHS: Final = ("strength", "amplitude", "intensity")
 _COMMON: Final = frozenset({"device", "duration_ms", *_STRENGTHS, "level_db"})
 PARAMETERS: Final = {
@@ -235,6 +236,9 @@ def _line(device: DeviceConfig, check: _Checked, count: int, rate_hz: float) -> 
     times = (np.arange(count) + 0.5) / count
     points = middle + np.outer((2.0 * times - 1.0) * half_m, direction)
     gains = np.asarray(layout.at(points))
+    rhythm = rhythm_s(device.scheme)
+    if rhythm is not None:
+        gains = Bursts(*rhythm).gains(np.arange(count) / rate_hz, gains)
     values = _neutral(device, count)
     for k, gain in zip(chosen, gains.T, strict=True):
         _set(device, values, k, check.strength * gain, _hertz(check))

@@ -199,6 +199,8 @@ SCHEMES = [
     {"scheme": "barycentric", "options": {"law": "linear"}},
     {"scheme": "surface", "options": {"law": "power"}},
     {"scheme": "splat", "options": {"sigma_m": 0.01}},
+    {"scheme": "brush", "options": {"duration_ms": 100}},
+    {"scheme": "saltation", "options": {"interval_ms": 60, "tap_ms": 5}},
     *({"scheme": item, "options": {}} for item in ("nearest", "ring", "line", "vbap")),
 ]
 
@@ -230,7 +232,10 @@ def documents(outputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
     actual["full"] = copy.deepcopy(FULL)
     actual["types"] = with_types(VIBRATION, FIXED, THERMAL, *OTHERS)
     actual["waveforms"] = with_types(
-        *(VIBRATION | {"takes_waveform": True, "waveform": w} for w in ("noise", "square", "sine"))
+        *(
+            VIBRATION | {"takes_waveform": True, "tone_pair": True, "waveform": w}
+            for w in ("noise", "square", "sine")
+        )
     )
     actual["custom"] = with_types(*({**k, "custom": CUSTOM} for k in (VIBRATION, THERMAL, *OTHERS)))
     kinds = ({**kind, "limits": {}} for kind in (VIBRATION, THERMAL, *OTHERS))

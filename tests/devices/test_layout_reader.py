@@ -23,6 +23,8 @@ def read(stored, content):
         ({"scheme": "barycentric", "options": {"law": "power"}}, "law", "power"),
         ({"scheme": "surface", "options": {"law": "linear"}}, "law", "linear"),
         ({"scheme": "splat", "options": {"sigma_m": 0.03}}, "sigma_m", 0.03),
+        ({"scheme": "brush", "options": {"duration_ms": 100}}, "duration_ms", 100.0),
+        ({"scheme": "saltation", "options": {"tap_ms": 5}}, "tap_ms", 5.0),
         ({"scheme": "ring"}, "name", "ring"),
     ],
 )

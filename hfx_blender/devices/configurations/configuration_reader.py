@@ -71,8 +71,7 @@ def device_from(document: Node) -> DeviceConfig:
     scheme, substitutions = Scheme(), {}
     if "rendering" in top:
         options = dict(top["rendering"].get("options", {}))
-        if "sigma_m" in options:
-            options["sigma_m"] = float(options["sigma_m"])
+        options = {k: v if isinstance(v, str) else float(v) for k, v in options.items()}
         scheme = Scheme(top["rendering"].get("scheme"), **options)
     if "substitutions" in top:
         for source, node in top["substitutions"].members().items():
@@ -141,6 +140,7 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
         update_interval_ms=node.number("update_interval_ms", 10.0),
         takes_waveform=node.get("takes_waveform", False),
         waveform=node.get("waveform", "sine"),
+        is_tone_pair=node.get("tone_pair", False),
         drive=drive,
         thresholds=node.curve("detection_thresholds"),
         **{

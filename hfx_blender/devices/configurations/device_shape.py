@@ -90,6 +90,11 @@ _OPTIONS: Final[Mapping[str, Mapping[str, Shape]]] = {
     "barycentric": {"law": Text(LAWS)},
     "surface": {"law": Text(LAWS)},
     "splat": {"sigma_m": Number(0.001, 1.0, "m")},
+    "brush": {"duration_ms": Number(40.0, 1000.0, "ms")},
+    "saltation": {
+        "interval_ms": Number(20.0, 300.0, "ms"),
+        "tap_ms": Number(1.0, 200.0, "ms"),
+    },
 }
 
 RENDERING: Final = tagged(
@@ -144,6 +149,7 @@ _TIMING: Final[Mapping[str, Shape]] = {
 _VIBRATION: Final[Mapping[str, Shape]] = {
     "takes_waveform": Flag(),
     "waveform": Text(WAVEFORMS),
+    "tone_pair": Flag(),
     "resonance_hz": _FREQUENCY,
     "drive": Items(
         strict(
@@ -201,7 +207,7 @@ def _actuator_type(modality: Modality) -> Record:
             **_TIMING,
             **(_VIBRATION if is_vibration else _NO_VIBRATION),
         },
-        needs={"waveform": "takes_waveform"} if is_vibration else {},
+        needs=dict.fromkeys(("waveform", "tone_pair"), "takes_waveform") if is_vibration else {},
     )
 
 

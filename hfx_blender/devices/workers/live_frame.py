@@ -8,7 +8,7 @@ runs are joined in a few arrays: the size of the JSON part does not depend on th
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 from itertools import chain
 from typing import Any, Final
 
@@ -142,7 +142,9 @@ def decode_live_frame(body: bytes, streams: Sequence[Stream]) -> LiveFrame:
         later: dict[float, Sequence[SampleRun]] = {}
         for ms, count in reversed(content["later"]):
             start = len(runs) - int(count)
-            later[float(ms)], runs = runs[start:], runs[:start]
+            after_s = float(ms) / 1e3
+            later[float(ms)] = [replace(run, times_s=run.times_s + after_s) for run in runs[start:]]
+            runs = runs[:start]
         return LiveFrame(
             float(content["time_s"]),
             runs,

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from ...engine.modality import MODALITIES
+from ...engine.rendering.conditioning.frequency import TONE_PAIR_HZ
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.moment import MomentRenderer
 from ...processes.messages import EVERY_DEVICE, MessageError, MessageKind, message
@@ -75,7 +76,7 @@ class Renderers:
         self.rendered: dict[int, _Rendered] = {}
         self.faults: list[bytes] = []
         labels = {effect.id: effect.name for effect in scene.header.effects}
-        names = [*(effect.id for effect in scene.header.effects), *MODALITIES]
+        names = [*(effect.id for effect in scene.header.effects), *MODALITIES, *TONE_PAIR_HZ]
         numbers = {name: k for k, name in enumerate(names)}
         for rendered in scene.devices:
             try:

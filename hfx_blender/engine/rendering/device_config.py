@@ -25,7 +25,16 @@ from .conditioning.waveform import DriveCurve, Waveform
 
 Statistic = Literal["strongest", "mean"]
 SchemeName = Literal[
-    "coverage", "nearest", "barycentric", "surface", "ring", "line", "vbap", "splat"
+    "coverage",
+    "nearest",
+    "barycentric",
+    "surface",
+    "ring",
+    "line",
+    "vbap",
+    "splat",
+    "brush",
+    "saltation",
 ]
 Law = Literal["linear", "log", "power"]
 LAWS: Final[tuple[Law, ...]] = ("linear", "log", "power")
@@ -71,6 +80,7 @@ class ActuatorType:
     rest_s: float = 1.0
     takes_waveform: bool = False  # driven as sound by the sum of all vibrations
     waveform: Waveform = "sine"  # of each vibration
+    is_tone_pair: bool = False  # the waveform has 40 Hz and 320 Hz instead of each frequency
     resonance_hz: float | None = None  # for effects without a frequency
     drive: tuple[DriveCurve, ...] = ()  # by ascending frequency; empty: proportional
     thresholds: tuple[tuple[float, float], ...] = ()  # detection thresholds (Hz, m/s^2)
@@ -104,6 +114,9 @@ class Scheme:
     statistic: Statistic = "strongest"  # coverage
     law: Law = "log"  # barycentric, surface
     sigma_m: float = 0.02  # splat
+    duration_ms: float = 160.0  # brush: of each burst, which sets the interval of onsets
+    interval_ms: float = 50.0  # saltation: from tap to tap
+    tap_ms: float = 20.0  # saltation: of each tap
 
 
 @dataclass(frozen=True)

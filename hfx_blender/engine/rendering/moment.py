@@ -109,7 +109,9 @@ class MomentRenderer:
         for latency_ms, (columns, is_late) in self._late.items():
             if latency_ms not in later:
                 continue
+            self._renderer.latency_ms = latency_ms
             values[columns] = self.values(later[latency_ms])[columns]
+            self._renderer.latency_ms = 0.0
             if is_late.any():
                 # Of the later moment's tones only these actuators play, of the earlier the rest.
                 parts = [(tone, ~is_late) for tone in tones]

@@ -30,10 +30,17 @@ from .conditioning.actuator_limits import (
     rounded,
     rows_of,
 )
-from .conditioning.frequency import Partial, Partials, StrongestContributor
+from .conditioning.frequency import (
+    TONE_PAIR_HZ,
+    Partial,
+    Partials,
+    StrongestContributor,
+    tone_pair_shares,
+)
 from .conditioning.mixing import Contribution, Mixed, merged, mix, substituted
 from .device_config import ActuatorType, DeviceConfig
 from .dispatch import ActuatorGroup, MissingActuators, ModelLoader
+from .panning.bursts import Bursts, rhythm_s
 from .raster import FeltStream, Raster, Reason, Shortfall, columns_of
 from .room import PlaySpace
 
@@ -72,7 +79,8 @@ class Renderer:
     ``models`` loads a perceptual model by id. ``body_id``, also an attribute, is the body that
     wears the device; None for the only body of a track, InputError for an unknown body.
     ``compensates_latency``: advance values by each actuator's latency. The attribute ``groups`` has
-    the device's actuators by modality.
+    the device's actuators by modality; ``latency_ms`` is the lead of the samples of live moments,
+    whose bursts are separate.
     """
 
     def __init__(
@@ -111,10 +119,14 @@ class Renderer:
         self._frequency = StrongestContributor(len(vibrating))
         self._sounding = [a for a in device.actuators if a.type.takes_waveform]
         self._partials = Partials(len(self._sounding))
+        self._is_pair = np.array([a.type.is_tone_pair for a in self._sounding], np.bool_)
         self._missing = MissingActuators(device)
+        self._rhythm_s = rhythm_s(device.scheme)
+        self._bursts: dict[tuple[Stream, str, float], Bursts] = {}
+        self.latency_ms = 0.0
 
     def restart(self) -> None:
-        """Discard all blocks and values; keep model tables and held frequencies."""
+        """Discard all blocks and values; keep model tables, bursts and held frequencies."""
         self._partials.forget()
         self._outcomes = {stream: [] for stream in self._outcomes}
         self._values = np.tile(self._neutral, (len(self._values), 1))
@@ -172,6 +184,12 @@ class Renderer:
         name = f"device '{self._device.id}'"
         notes = [note for group in self.groups for note in group.notes()]
         notes += self._missing.notes(self._header)
+        rate_hz = float(self._header.time.rate_hz)
+        if self._rhythm_s is not None and self._rhythm_s[0] * rate_hz < 2.0:
+            notes.append(
+                f"{name}: {rate_hz:g} samples a second are too few for the scheme "
+                f"'{self._device.scheme.name}', which needs {2.0 / self._rhythm_s[0]:g}"
+            )
         late = []
         for actuator, (part, kind) in zip(self._device.actuators, self._parts(), strict=True):
             # Rows within the latency have no earlier row to go to; see ``advanced``.
@@ -217,7 +235,7 @@ class Renderer:
             matching = [s for s in shares if s.run.stream.modality == modality]
             if not matching:
                 continue
-            contributions = [self._contribution(share, len(rows)) for share in matching]
+            contributions = [self._contribution(group, share, len(rows)) for share in matching]
             # Within a modality first: its effects combine by its own rule.
             mixed = mix(modality, contributions)
             if modality != group.modality:
@@ -238,9 +256,17 @@ class Renderer:
             return mixed
         # Actuators driven as sound play every vibration at its own frequency; all actuators also
         # get a combined strength and one frequency, for outputs without a waveform.
-        for name, amplitudes, frequencies_hz in vibrations if group.takes_waveform.any() else ():
+        pairs = np.zeros((2, len(rows), len(self._sounding)))
+        for name, amplitudes, frequencies_hz in vibrations if self._sounding else ():
             sounding = self._device.gain * amplitudes[:, group.takes_waveform]
+            if self._is_pair.any():
+                by_tone = tone_pair_shares(frequencies_hz)[..., None]
+                pairs += by_tone * np.where(self._is_pair, sounding, 0.0)
+                sounding = np.where(self._is_pair, 0.0, sounding)
             self._partials.add(name, rows, sounding, frequencies_hz)
+        # Tones of all effects in one partial: equal frequencies are in phase, and add.
+        for (name, tone_hz), tones in zip(TONE_PAIR_HZ.items(), pairs, strict=True):
+            self._partials.add(name, rows, tones, np.full(len(rows), tone_hz))
         frequencies = self._frequency.frequencies(
             [name for name, _, _ in vibrations],
             np.stack([amplitudes for _, amplitudes, _ in vibrations]),
@@ -248,12 +274,18 @@ class Renderer:
         )
         return Mixed(mixed.strengths, frequencies)
 
-    def _contribution(self, share: _GroupShare, row_count: int) -> Contribution:
+    def _contribution(
+        self, group: ActuatorGroup, share: _GroupShare, row_count: int
+    ) -> Contribution:
         """Contribution of a run at all ``row_count`` rows of a block: gains times levels, and
-        parameters; both 0 at rows without samples."""
-        run = share.run
+        parameters; both 0 at rows without samples. Gains are of bursts if the scheme has bursts."""
+        run, gains = share.run, share.gains
+        if self._rhythm_s is not None and run.drive is None:
+            key = run.stream, group.modality, self.latency_ms
+            bursts = self._bursts.setdefault(key, Bursts(*self._rhythm_s))
+            gains = bursts.gains(run.times_s, gains)
         strengths = np.zeros((row_count, share.gains.shape[1]))
-        strengths[share.positions] = share.gains * run.levels[:, None]
+        strengths[share.positions] = gains * run.levels[:, None]
         parameters = np.zeros((row_count, run.parameters.shape[1]))
         parameters[share.positions] = run.parameters
         return Contribution(strengths, parameters, self._neutral_c(run.stream))

@@ -109,8 +109,10 @@ def _panned_layout(
     anchors = np.array([row[k] for row, k in zip(rows, nearest, strict=True)], np.int64)
     # The fade beyond the layout must not reach parts on which the device is not worn.
     candidates = _candidates(actuators, rows, model)
-    if device.scheme.name == "surface":
-        panned = surface_gains(model, anchors, device.scheme.law)
+    if device.scheme.name in ("surface", "brush"):
+        # Phantoms of the Tactile Brush share the power.
+        law = "power" if device.scheme.name == "brush" else device.scheme.law
+        panned = surface_gains(model, anchors, law)
         own = np.isin(panned.vertices, candidates)
         vertices, gains, fade = panned.vertices[own], panned.gains[own], panned.fade[own]
         return PannedLayout(vertices, gains, fade, spacing_m, panned.at)
@@ -272,6 +274,7 @@ _FLAT: Final[dict[str, Callable[[DeviceConfig, F64], _Gains]]] = {
     "line": _line,
     "vbap": _vbap,
     "nearest": lambda device, centres: NearestPanning(centres).gains,
+    "saltation": lambda device, centres: NearestPanning(centres).gains,
     "splat": lambda device, centres: GaussianSplatting(centres, device.scheme.sigma_m).gains,
 }
 """Gains of the flat schemes, by name, of a device and its actuators' ``centres`` (A, 3)."""

@@ -11,7 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rendering_synthetic import MODELS, at, make_device, make_header, make_run
 
-from hfx_blender.engine.rendering.conditioning.frequency import MARGIN, StrongestContributor
+from hfx_blender.engine.rendering.conditioning.frequency import (
+    MARGIN,
+    StrongestContributor,
+    tone_pair_shares,
+)
 from hfx_blender.engine.rendering.device_config import DeviceConfig, Substitution
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.rendering.renderer import Renderer
@@ -222,3 +226,33 @@ def test_a_substitute_is_a_partial_of_its_own():
     )
     actual = {p.frequencies_hz[0, 0]: p.amplitudes[0, 0] for p in renderer.raster().partials}
     assert actual == {LOW: 1.0, HIGH: 6.0}
+
+
+def test_shares_of_a_tone_pair() -> None:
+    """Octaves from 40 Hz: 1.5 of 3 is half way, an eighth of a turn; the power is constant."""
+    hz = np.array([20.0, 40.0, 40.0 * 8**0.5, 80.0, 320.0, 500.0])
+    shares = tone_pair_shares(hz)
+    half = 0.5**0.5
+    np.testing.assert_allclose(shares[0], [1, 1, half, 0.75**0.5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(shares[1], [0, 0, half, 0.5, 1, 1], atol=1e-12)
+
+
+def test_actuators_with_a_tone_pair_play_two_tones() -> None:
+    """80 Hz at 10 m/s^2 is 8.66 at 40 Hz and 5 at 320 Hz; a second effect at 320 Hz adds 2."""
+    device = make_device({"coil": ("vibration", at(4))})
+    kind = device.actuators[0].type
+    wide = tuple(replace(c, minimum=0, lowest=0, maximum=500, highest=500) for c in kind.controls)
+    kind = replace(kind, controls=wide, takes_waveform=True, is_tone_pair=True)
+    device = replace(device, actuators=(replace(device.actuators[0], type=kind),))
+    header = make_header({"a": "vibration", "b": "vibration"}, 2)
+    runs = [
+        make_run(header, name, {0: {4: 1.0}, 1: {4: 1.0}}, parameters)
+        for name, parameters in (("a", [10.0, 80.0]), ("b", [2.0, 320.0]))
+    ]
+    renderer = Renderer(header, device, lambda name: MODELS[name])
+    renderer.add(runs)
+    tones = {p.effect_id: (p.amplitudes[0, 0], p.frequencies_hz[0, 0]) for p in renderer.partials()}
+    assert tones == {
+        "40 Hz": (pytest.approx(8.6603, abs=1e-4), 40.0),
+        "320 Hz": (pytest.approx(7.0, abs=1e-4), 320.0),
+    }

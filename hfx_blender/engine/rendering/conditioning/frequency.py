@@ -21,8 +21,24 @@ MARGIN: Final = 1.25
 The just noticeable difference of vibration amplitude is 10 to 20 % and more (a survey in Choi and
 Kuchenbecker, "Vibrotactile display", Proceedings of the IEEE 2013)."""
 
+TONE_PAIR_HZ: Final = {"40 Hz": 40.0, "320 Hz": 320.0}
+"""Tones of a pair, by the name of their partial: one for slow, one for fast receptors of the skin
+(Allerkamp, Böttcher, Wolter, Brady, Qu and Summers, The Visual Computer 2007)."""
+
 _SAME_HZ: Final = 1.0
 """Largest difference of equal frequencies, as in ``mixing.combine_vibration``."""
+
+
+def tone_pair_shares(frequencies_hz: F64) -> F64:
+    """Shares (2, R) of amplitude of the tones of a pair, for vibrations of frequencies (R,), Hz.
+
+    40 Hz alone up to 40 Hz, 320 Hz alone from 320 Hz; between them of constant power, by the
+    logarithm of the frequency.
+    """
+    low_hz, high_hz = TONE_PAIR_HZ.values()
+    octaves = np.log2(np.maximum(frequencies_hz, low_hz) / low_hz)
+    turn = 0.5 * np.pi * np.minimum(octaves / np.log2(high_hz / low_hz), 1.0)
+    return np.stack([np.cos(turn), np.sin(turn)])
 
 
 class StrongestContributor:

@@ -34,8 +34,10 @@ KEEPS_POWER = {
     "line": True,
     "vbap": True,
     "splat": False,
+    "brush": True,
+    "saltation": True,
 }
-JUMPS = {"nearest"}  # half way between two actuators, as documented
+JUMPS = {"nearest", "saltation"}  # half way between two actuators, as documented
 EVERY = [
     (name, law) for name in PANNING for law in (LAWS if KEEPS_POWER[name] == "law" else LAWS[:1])
 ]
