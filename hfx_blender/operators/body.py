@@ -27,6 +27,7 @@ from ..properties.objects import FELT_LAYERS
 from ..text import named, printable
 from . import framing
 from .shared import (
+    IS_EDITABLE,
     EnumItems,
     FileOperator,
     HfxOperator,
@@ -173,6 +174,7 @@ def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
     Returns the end of a sentence with the names of these effects; empty without any.
     """
     bodiless = effects.effects_without_body(context.scene)
+    bodiless = [effect for effect in bodiless if not effects.is_locked(effect)]
     if effects.bodies_of(context.scene) != [body] or not bodiless:
         return ""
     effects.move_to_body(bodiless, body)
@@ -194,6 +196,7 @@ class HFX_OT_move_to_body(OnBodyOperator):
 
     leaves_mode = False
     bl_label = "Move to Body"
+    requires = (*OnBodyOperator.requires, IS_EDITABLE)
 
     body: EnumProperty(name="Body", description="Body for the effects", items=_bodies)
     which: EnumProperty(
@@ -219,8 +222,13 @@ class HFX_OT_move_to_body(OnBodyOperator):
             moved = effects.effects_of(context.scene)
         if any(painting.canvas_of(effect) is not None for effect in moved):
             raise InputError("Finish painting first.")
-        effects.check_editable(moved)
-        return f"Moved {effects.move_to_body(moved, body)} effects to '{body.name}'"
+        moved, ending = effects.without_locked(
+            obj
+            for obj in dict.fromkeys(moved)  # the active effect may be selected, too
+            if obj.hfx.kind in effects.ON_A_BODY and obj.hfx.body != body
+        )
+        report = f"Moved {effects.move_to_body(moved, body)} effects to '{body.name}'"
+        return report + ending
 
 
 def _is_fitted(body: bpy.types.Object) -> bool:

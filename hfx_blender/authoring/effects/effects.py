@@ -13,6 +13,7 @@ from ...blender.scene_info import metres_of, scene_objects
 from ...blender.stored_values import stored_at
 from ...engine.modality import MODALITIES
 from ...errors import InputError
+from ...text import named
 from .. import clips, volumes
 
 if TYPE_CHECKING:
@@ -135,13 +136,16 @@ def is_locked(effect: bpy.types.Object) -> bool:
     return effect.library is not None or (override is not None and override.is_system_override)
 
 
-def check_editable(objects: Iterable[bpy.types.Object]) -> None:
-    """Raise InputError for the first locked effect, as Blender does not save its changes."""
-    for effect in objects:
-        if is_locked(effect):
-            raise InputError(
-                f"'{effect.name}' belongs to a linked file. Press Make Editable first."
-            )
+def without_locked(objects: Iterable[bpy.types.Object]) -> tuple[list[bpy.types.Object], str]:
+    """Effects that are not locked, in order, and the end of a report with the names of the locked
+    ones, "" without any. Raises InputError: all effects are locked."""
+    objects = list(objects)
+    locked = [effect for effect in objects if is_locked(effect)]  # Blender saves no changes of them
+    if locked and len(locked) == len(objects):
+        raise InputError(f"'{locked[0].name}' belongs to a linked file. Press Make Editable first.")
+    names = named([effect.name for effect in locked])
+    ending = f"; linked effects stay unchanged: {names}" if locked else ""
+    return [effect for effect in objects if effect not in locked], ending
 
 
 def muted_effects(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:

@@ -20,6 +20,7 @@ from ...engine.rendering.device_config import (
     VrcHapticsEncoder,
 )
 from ...errors import DeviceError
+from ...text import named
 from ..host.opening import kind_of
 from ..host.output import OutputLostError
 from .discovery import FoundPort, answers, port_of, serial_ports
@@ -73,9 +74,16 @@ def searched(device: DeviceConfig, settings: LiveSettings) -> Generator[Connecti
     if settings.kind == "DEVICE" and len(device.parts) > 1:
         searches = [searched(x, settings.of_output(k)) for k, x in enumerate(device.parts)]
         for first, *more in zip(*searches, strict=True):
-            # Two boards may lack for the same reason; some hints end with a full stop.
-            hints = dict.fromkeys(x.hint.rstrip(".") for x in (first, *more) if x.hint)
-            hint = ". ".join(hints)
+            # An equal hint of several outputs is one sentence; some hints end with a full stop.
+            hints: dict[str, list[str]] = {}
+            for part, result in zip(device.parts, (first, *more), strict=True):
+                if result.hint:
+                    ids = [actuator.id for actuator in part.actuators]
+                    hints.setdefault(result.hint.rstrip("."), []).extend(ids)
+            hint = ". ".join(
+                text if len(ids) == len(device.actuators) else f"{named(ids)}: {text}"
+                for text, ids in hints.items()
+            )
             yield replace(first, hint=hint, more=tuple(more))
     kind = settings.kind if settings.kind != "DEVICE" else kind_of(device)
     if kind == "websocket":

@@ -24,7 +24,7 @@ class _ManyEffects(HfxOperator):
 
     requires = ((lambda context: swarms.listed_effects(context.scene), "There are no effects"),)
 
-    def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+    def work(self, context: bpy.types.Context) -> str:
         listed = swarms.listed_effects(context.scene)
         if self.scope == "SELECTED":
             listed = swarms.selected_effects(context.scene)
@@ -33,8 +33,12 @@ class _ManyEffects(HfxOperator):
             listed = [effect for effect in listed if own & set(effect.users_collection)]
         if not listed:
             raise InputError("This scope has no effects; select some, or choose another scope.")
-        effects.check_editable(listed)
-        return listed
+        editable, ending = effects.without_locked(listed)
+        return self.changed(context, editable) + ending
+
+    def changed(self, context: bpy.types.Context, chosen: list[bpy.types.Object]) -> str:
+        """Change editable effects; returns the report."""
+        raise NotImplementedError
 
 
 class HFX_OT_scale_strength(_ManyEffects):
@@ -50,8 +54,8 @@ class HFX_OT_scale_strength(_ManyEffects):
         max=100.0,
     )
 
-    def work(self, context: bpy.types.Context) -> str:
-        count = global_tools.scale_strength(self.chosen(context), self.factor)
+    def changed(self, _context: bpy.types.Context, chosen: list[bpy.types.Object]) -> str:
+        count = global_tools.scale_strength(chosen, self.factor)
         return f"Effects scaled by {self.factor:g}: {count}"
 
 
@@ -68,8 +72,8 @@ class HFX_OT_scale_frequency(_ManyEffects):
         max=100.0,
     )
 
-    def work(self, context: bpy.types.Context) -> str:
-        count = global_tools.scale_frequency(self.chosen(context), self.factor)
+    def changed(self, _context: bpy.types.Context, chosen: list[bpy.types.Object]) -> str:
+        count = global_tools.scale_frequency(chosen, self.factor)
         return f"{count} vibrations scaled by {self.factor:g}"
 
 
@@ -88,10 +92,9 @@ class HFX_OT_modulate(_ManyEffects):
         subtype="FACTOR",
     )
 
-    def work(self, context: bpy.types.Context) -> str:
-        count = global_tools.modulate(
-            self.chosen(context), self.rate, self.depth, animation_fps(context.scene)
-        )
+    def changed(self, context: bpy.types.Context, chosen: list[bpy.types.Object]) -> str:
+        fps = animation_fps(context.scene)
+        count = global_tools.modulate(chosen, self.rate, self.depth, fps)
         return f"Effects modulated: {count}"
 
 
@@ -106,10 +109,10 @@ class HFX_OT_remove_effects(_SelectedEffects):
     bl_label = "Delete Effects"
 
     def work(self, context: bpy.types.Context) -> str:
-        chosen = swarms.selected_effects(context.scene)
-        effects.check_editable(chosen)
+        chosen, ending = effects.without_locked(swarms.selected_effects(context.scene))
         bpy.data.batch_remove(chosen)
-        return f"Deleted {len(chosen)} {'effect' if len(chosen) == 1 else 'effects'}"
+        report = f"Deleted {len(chosen)} {'effect' if len(chosen) == 1 else 'effects'}"
+        return report + ending
 
 
 @kept_items
@@ -131,12 +134,14 @@ class HFX_OT_move_to_group(_SelectedEffects):
 
     group: EnumProperty(name="Group", description="Group of the effects", items=_groups)
 
-    def work(self, context: bpy.types.Context) -> None:
-        chosen, name = swarms.selected_effects(context.scene), self.group.removeprefix("TO ")
-        effects.check_editable(chosen)
+    def work(self, context: bpy.types.Context) -> str:
+        chosen, ending = effects.without_locked(swarms.selected_effects(context.scene))
+        name = self.group.removeprefix("TO ")
         if name == self.group:
             name = effects.free_group(context.scene, "Group") if name == "NEW" else ""
         effects.set_group(context.scene, chosen, name)
+        report = f"Effects moved: {len(chosen)}"
+        return report + ending if ending else ""
 
 
 class HFX_OT_add_rain(OnBodyOperator):

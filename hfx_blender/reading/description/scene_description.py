@@ -211,7 +211,7 @@ def _shown_effects(
     # Instances may show volumes of other scenes.
     has_instances = any(map(reached.is_instancer, scene_objects(scene)))
     if not candidates and not has_instances:
-        raise _refusal([f"Scene '{scene.name}' has no haptic effects to export.", *_missing_data()])
+        raise _refusal([f"Scene '{scene.name}' has no haptic effects.", *_missing_data()])
     shown = [effect for effect in candidates if visibility.may_be_seen(effect, layer, enabled)]
     if not shown and not has_instances:
         raise InputError(
@@ -282,7 +282,7 @@ def describe(
 
     described, faults = soundness.without_faulty(haptics.effects, work)
     if not described and not more:
-        none = f"Scene '{haptics.scene.name}' has no haptic effects to export."
+        none = f"Scene '{haptics.scene.name}' has no haptic effects."
         raise _refusal(faults.values() or [none])
     frames = sample_frames(time, np.arange(time.sample_count))
     frames = animation_frames(haptics.scene, frames)

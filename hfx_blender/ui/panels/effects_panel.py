@@ -39,13 +39,15 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
     column = layout.column()
     column.alert = True
     bodiless = effects.effects_without_body(context.scene)
+    effect = active_effect(context) if which == "ACTIVE" else min(bodiless, key=effects.is_locked)
     if which == "ACTIVE" or len(bodiless) == 1:
-        effect = active_effect(context) if which == "ACTIVE" else bodiless[0]
         text = f"'{effect.name}' {effects.missing_body_reason(effect)}: not felt"
     else:
         text = f"The bodies of {len(bodiless)} effects are not in this scene: not felt"
     draw_text(context, column, text, "ERROR")
     bodies = effects.bodies_of(context.scene)
+    layout = layout.column()
+    layout.context_pointer_set("object", effect)  # the operator is disabled for a linked effect
     if len(bodies) > 1:
         layout.operator_menu_enum("hfx.move_to_body", "body", icon="FORWARD").which = which
     elif bodies:

@@ -266,10 +266,11 @@ class HFX_UL_effects(bpy.types.UIList):
             ("is_muted", "MUTE_IPO_ON", "MUTE_IPO_OFF"),
         ):
             icon = on if getattr(row, name) else off
-            switch = line.row(align=True)
-            # Blender does not save a mute of linked effects.
-            switch.enabled = name == "is_selected" or not any(map(effects.is_locked, row_effects))
-            switch.prop(row, name, text="", icon=icon, emboss=False)
+            locked = next(filter(effects.is_locked, row_effects), None)
+            if locked is None or name == "is_selected":
+                line.prop(row, name, text="", icon=icon, emboss=False)
+            else:  # Blender greys out a property of a linked object, and its tooltip says why
+                line.prop(locked.hfx, _stored(row, name), text="", icon=icon, emboss=False)
 
     def filter_items(
         self, _context: bpy.types.Context, manager: bpy.types.WindowManager, name: str

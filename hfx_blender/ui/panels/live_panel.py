@@ -9,6 +9,7 @@ import bpy
 
 from ...authoring.effects import effects
 from ...blender.translation import translated
+from ...operators.live.connect_operators import title_of
 from ...playback.live.latency import uncompensated
 from ...playback.live.live import live
 from ...playback.preview.preview import preview
@@ -79,6 +80,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
             column.operator("hfx.live_stop_all", icon="CANCEL")
             if not all(device.is_armed for device in live.states.values()):
                 layout.operator("hfx.live_play", icon="PLAY")
+        _draw_pages(layout)
         if any(state.state == "frozen" for state in live.states.values()):
             _draw_advice(context, layout.box())
         hfx = context.scene.hfx
@@ -110,6 +112,19 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
             column = layout.column(align=True)
             column.label(text="Play Space")
             column.prop(hfx, "play_space", text="")
+
+
+def _draw_pages(layout: bpy.types.UILayout) -> None:
+    """Draw device, address and code of each connected web page."""
+    from ...devices.live.live_settings import page_of
+
+    for name in live.connected:
+        address, code = page_of(live.states[name].unit)
+        if code:
+            column = layout.box().column(align=True)
+            column.label(text=title_of(name), translate=False)
+            column.label(text=address, icon="URL", translate=False)
+            column.label(text=code, icon="LOCKED", translate=False)
 
 
 def _draw_device(
@@ -144,14 +159,8 @@ def _draw_device(
             box.operator("hfx.live_approve", icon="FILE_SCRIPT").name = item.name
         return
     text, icon = STATES[state.state]
-    detail = state.text or state.unit
-    address, code = page_of(state.unit)
-    if code:
-        detail = state.text
-        column = box.column(align=True)
-        column.scale_y = 1.5
-        column.label(text=address, icon="URL", translate=False)
-        column.label(text=code, icon="LOCKED", translate=False)
+    is_page = bool(page_of(state.unit)[1])  # address and code are at the top of the panel
+    detail = state.text or ("" if is_page else state.unit)
     draw_text(context, box, f"{text}: {detail}" if detail else text, icon)
     device = live.device(item.name)
     if device is not None:

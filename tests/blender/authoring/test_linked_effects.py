@@ -216,6 +216,61 @@ def contents(effect: Any) -> tuple[Any, ...]:
     return effects.area(effect), spans, hfx.pressure, hfx.body, effects.group_of(effect)
 
 
+def test_tools_for_several_effects_change_the_editable_ones_and_name_the_linked(
+    painted_library: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    link(painted_library)
+    scene, own = bpy.context.scene, own_effect()
+    linked = [effect for effect in effects.effects_of(scene) if effect.library is not None]
+    before = [contents(effect) for effect in linked]
+    own.hfx.pressure = 8.0
+    ending = "; linked effects stay unchanged: Squeeze, Touch"
+
+    def report(operator: Any, **options: object) -> str:
+        capfd.readouterr()
+        assert operator(**options) == {"FINISHED"}
+        assert [contents(effect) for effect in linked] == before
+        return capfd.readouterr().out.strip()
+
+    assert report(bpy.ops.hfx.scale_strength, factor=0.5, scope="ALL").endswith("0.5: 1" + ending)
+    assert own.hfx.pressure == 4.0
+    assert report(bpy.ops.hfx.scale_frequency, scope="ALL").endswith("by 1" + ending)
+    assert report(bpy.ops.hfx.modulate, scope="ALL").endswith("Effects modulated: 1" + ending)
+    second = bpy.data.objects["Avatar"].copy()
+    second.name = "Second"
+    scene.collection.objects.link(second)
+    second.hfx.uid = "second"
+    moved = report(bpy.ops.hfx.move_to_body, body="Second", which="ALL")
+    assert moved.endswith("Moved 1 effects to 'Second'" + ending) and own.hfx.body == second
+    select(own, *linked)
+    assert report(bpy.ops.hfx.move_to_group, group="NEW").endswith("Effects moved: 1" + ending)
+    assert effects.group_of(own) == "Group"
+    assert report(bpy.ops.hfx.remove_effects).endswith("Deleted 1 effect" + ending)
+    assert effects.effects_of(scene) == linked
+
+
+def test_a_linked_effect_of_a_missing_body_cannot_be_moved(
+    painted_library: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Move to Body is disabled with the reason; a new body does not take the effect."""
+    link(painted_library)
+    scene = bpy.context.scene
+    touch, squeeze = (bpy.data.objects[name] for name in ("Touch", "Squeeze"))
+    assert effects.effects_without_body(scene) == [squeeze, touch]
+    with bpy.context.temp_override(object=touch):
+        assert not bpy.ops.hfx.move_to_body.poll()
+    own = own_effect()
+    with bpy.context.temp_override(object=own):
+        assert bpy.ops.hfx.move_to_body.poll()
+    foreign = touch.hfx.body
+    bpy.data.objects.remove(bpy.data.objects["Avatar"])
+    capfd.readouterr()
+    bpy.ops.hfx.add_avatar()
+    assert own.hfx.body == bpy.context.object and touch.hfx.body == foreign
+    text = capfd.readouterr().out
+    assert "deleted bodies: Own" in text and "Touch" not in text
+
+
 @pytest.mark.parametrize("is_override", [False, True])
 def test_tools_for_several_effects_leave_linked_effects_unchanged(
     painted_library: Path, is_override: bool
@@ -230,20 +285,30 @@ def test_tools_for_several_effects_leave_linked_effects_unchanged(
     linked = next(e for e in effects.effects_of(bpy.context.scene) if e.name == "Touch")
     before = contents(linked)
     select(own, linked)
-    changes = [
-        bpy.ops.hfx.area_copy,
-        bpy.ops.hfx.copy_clips,
-        bpy.ops.hfx.remove_effects,
+    tools = [
         lambda: bpy.ops.hfx.scale_strength(factor=0.5),
         lambda: bpy.ops.hfx.scale_frequency(factor=0.5),
         bpy.ops.hfx.modulate,
         lambda: bpy.ops.hfx.move_to_group(group="NEW"),
+        bpy.ops.hfx.remove_effects,
+    ]
+    of_active = [
+        bpy.ops.hfx.area_copy,
+        bpy.ops.hfx.copy_clips,
         lambda: bpy.ops.hfx.move_to_body(body="Avatar"),
     ]
-    for change in changes:
-        with pytest.raises(RuntimeError, match=r"belongs to a linked file. Press Make Editable"):
-            change()
-        assert contents(linked) == before
+
+    def refused(changes: list[Any]) -> None:
+        for change in changes:
+            with pytest.raises(
+                RuntimeError, match=r"belongs to a linked file. Press Make Editable"
+            ):
+                change()
+            assert contents(linked) == before
+
+    refused(of_active[:2])
+    select(linked)
+    refused([*tools, of_active[2]])
     # From the linked effect to an effect of the file.
     select(linked, own)
     assert bpy.ops.hfx.area_copy() == {"FINISHED"}

@@ -82,7 +82,7 @@ def touch_palm(modality: str = "pressure") -> Any:
 
 def test_nothing_is_laid_over_an_avatar_that_feels_nothing(shown: Preview) -> None:
     assert now(shown) == []
-    assert "no haptic effects" in shown.fault
+    assert shown.fault == "Scene 'Scene' has no haptic effects."
 
 
 def test_a_painted_palm_is_coloured_and_nothing_far_from_it(shown: Preview) -> None:

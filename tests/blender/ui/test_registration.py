@@ -6,6 +6,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,9 +16,12 @@ import pytest
 
 import hfx_blender
 from hfx_blender import cli
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live.client import DeviceState
+from hfx_blender.playback.live.live import Connected, live
 from hfx_blender.processes import start
 from hfx_blender.ui import menus
-from hfx_blender.ui.panels import effect_panel, effects_panel, list_rows
+from hfx_blender.ui.panels import effect_panel, effects_panel, list_rows, live_panel
 
 
 @pytest.fixture
@@ -168,11 +172,18 @@ class Layout:
 
     column = box = split = row
 
+    def prop_enum(self, owner: Any, name: str, value: str, **_options: str) -> None:
+        assert value in owner.bl_rna.properties[name].enum_items
+        self.shown.append(name)
+
     def prop_decorator(self, owner: Any, name: str) -> None:
         assert name in owner.bl_rna.properties, name
 
     def separator(self) -> None:
         pass
+
+    def context_pointer_set(self, name: str, _data: object) -> None:
+        assert hasattr(bpy.context, name)
 
     def _operator(self, idname: str, icon: str) -> Any:
         module, _, name = idname.partition(".")
@@ -368,3 +379,40 @@ def test_the_command_line_within_blender(scene: Any, capsys: pytest.CaptureFixtu
     assert cli.run_in_blender(["--help"]) == 0
     assert "blender --command hfx" in capsys.readouterr().out
     assert cli.run_in_blender(["dance"]) == 2
+
+
+def test_address_and_code_of_a_page_are_above_every_notice(
+    scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    phone = "phone_lra"
+    scene.hfx.devices.add().name = phone
+    state = DeviceState(0, phone, "frozen", unit="http://192.168.1.5:8137 code 042137")
+    connected = Connected(load_device(phone), has_script=False, offset_ms=0.0)
+    monkeypatch.setattr(live, "client", SimpleNamespace(devices={phone: state}))
+    monkeypatch.setattr(live, "connected", {phone: connected})
+    shown = drawn(live_panel.HFX_PT_live.draw, bpy.context)
+    address, code = shown.index("192.168.1.5:8137"), shown.index("042137")
+    notice = next(k for k, text in enumerate(shown) if text.startswith("Devices stopped"))
+    assert address < code < notice
+    assert shown.count("042137") == 1
+
+
+def test_switches_of_a_linked_effect_are_those_of_the_object(
+    scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blender greys them out, and says in the tooltip that the data-block is linked."""
+    bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name="Gust")
+    path = tmp_path / "gust.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(str(path), link=True) as (_, expected):
+        expected.objects = ["Gust"]
+    bpy.context.scene.collection.objects.link(expected.objects[0])
+    list_rows.refresh()
+    owners = {}
+    layout = Layout()
+    monkeypatch.setattr(layout, "prop", lambda owner, name, **_: owners.update({name: owner}))
+    row = bpy.context.window_manager.hfx_rows["Gust"]
+    list_rows.HFX_UL_effects.draw_item(None, bpy.context, layout, None, row, 0, None, "")
+    assert owners["is_muted"] == owners["is_solo"] == expected.objects[0].hfx
+    assert owners["is_selected"] == row

@@ -121,3 +121,17 @@ def test_two_missing_boards_are_one_sentence(monkeypatch: pytest.MonkeyPatch) ->
     parts = tuple(replace(output, actuators=part) for part in ((0, 1, 2), (3, 4, 5)))
     hint = first(replace(uno, outputs=parts), LiveSettings(kind="DEVICE")).hint
     assert hint.count("was not found") == 1 and ".." not in hint
+
+
+def test_hints_name_the_outputs_of_a_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection_search, "serial_ports", list)
+    uno = load_device(UNO)
+    (output,) = uno.outputs
+    ids = [actuator.id for actuator in uno.actuators]
+    parts = tuple(replace(output, actuators=part) for part in ((0, 1, 2), (3, 4, 5)))
+    device = replace(uno, outputs=parts)
+    settings = LiveSettings("DEVICE", port="/dev/ttyX9")
+    text = first(device, settings).hint
+    missing, by_usb = text.split(f". {ids[3]}, {ids[4]}, {ids[5]}: ")
+    assert missing.startswith(f"{ids[0]}, {ids[1]}, {ids[2]}: /dev/ttyX9 is missing")
+    assert "was not found" in by_usb
