@@ -19,24 +19,22 @@ from ..commands.playback_loop import fault_of
 from .stimuli import Stimulus
 
 _READY_S: Final = 60.0
-_POLL_S: Final = 0.001
 _IDLE_S: Final = 0.01
 _REPEAT_S: Final = 0.05
-_ECHO_S: Final = 0.05
 
 
 @dataclass(frozen=True)
 class Playback:
     """Times of a played stimulus, seconds of the monotonic clock.
 
-    ``onset_s`` is the middle between sending the first values and the output process's report that
-    the values were handed to the port, ``echo_s`` later; without a report ``echo_s`` is None, and
-    the last known delay counts.
+    ``onset_s`` is the time at which the output process had handed the first values to the port,
+    ``latency_s`` after they were sent. Silent stimuli have no such report: ``latency_s`` is None,
+    and the last known latency counts.
     """
 
     onset_s: float
     end_s: float
-    echo_s: float | None
+    latency_s: float | None
 
 
 class DevicePlayer:
@@ -54,8 +52,8 @@ class DevicePlayer:
     ) -> None:
         self._client, self._devices = client, devices
         self.interrupted = interrupted
-        self._typical_echo_s = 0.0
-        self._echoed = False  # a report of levels above 0 has come since it was cleared
+        self._typical_s = 0.0  # latency of the last stimulus with a report
+        self._at_port_s: float | None = None  # first report of levels since the last onset
 
     def wait_ready(self) -> None:
         """Wait until all devices are armed, a minute at most."""
@@ -80,30 +78,28 @@ class DevicePlayer:
         once."""
         name, neutral = stimulus.device, self._devices[stimulus.device].neutral
         self._client.events()
-        self._echoed, echo_s = False, None
+        self._at_port_s = None
         previous = stimulus.values[0]
         sent_s = begun_s = time.monotonic()
         self._client.send(name, previous)
         try:
             for k, row in enumerate(stimulus.values):
-                due_s = begun_s + k * stimulus.step_s
-                echo_s = self._wait_until(due_s, begun_s if echo_s is None else None) or echo_s
+                self._wait_until(begun_s + k * stimulus.step_s)
                 # Equal rows need no message; a repetition proves that the session goes on.
                 now_s = time.monotonic()
                 if not np.array_equal(row, previous) or now_s - sent_s > _REPEAT_S:
                     self._client.send(name, row)
                     sent_s, previous = now_s, row
-            end_s = begun_s + stimulus.duration_s
-            echo_s = self._wait_until(end_s, begun_s if echo_s is None else None) or echo_s
+            self._wait_until(begun_s + stimulus.duration_s)
         except BaseException:
             self._client.pause()
             raise
         self._client.send(name, neutral)
         end_s = time.monotonic()
-        if echo_s is not None:
-            self._typical_echo_s = echo_s
-        delay_s = 0.5 * self._typical_echo_s
-        return Playback(begun_s + delay_s, end_s + delay_s, echo_s)
+        latency_s = None
+        if self._at_port_s is not None:
+            latency_s = self._typical_s = max(self._at_port_s - begun_s, 0.0)
+        return Playback(begun_s + self._typical_s, end_s + self._typical_s, latency_s)
 
     def silence(self) -> None:
         """Silence all devices until the next stimulus."""
@@ -113,26 +109,20 @@ class DevicePlayer:
         """Stop all devices now; they play no more in this session."""
         self._client.stop_all(reason)
 
-    def _wait_until(self, due_s: float, begun_s: float | None = None) -> float | None:
-        """Wait with signs of life; returns the time from ``begun_s`` to the report of levels, or
-        None."""
-        echo_s = None
+    def _wait_until(self, due_s: float) -> None:
+        """Wait with signs of life, and note the first report of levels."""
         while True:
             check()
             self._client.heartbeat()
             for event in self._client.events():
-                if event.event == "levels" and any(event.levels):
-                    self._echoed = True
+                is_onset = event.event == "levels" and any(event.levels)
+                if is_onset and self._at_port_s is None:
+                    self._at_port_s = event.at_s
             failed = [state for state in self._client.devices.values() if not state.is_armed]
             if failed:
                 raise DeviceError(" ".join(map(fault_of, failed)))
             self.interrupted()
-            now_s = time.monotonic()
-            if begun_s is not None and echo_s is None and self._echoed:
-                echo_s = now_s - begun_s
-            left_s = due_s - now_s
+            left_s = due_s - time.monotonic()
             if left_s <= 0.0:
-                return echo_s
-            # Often in the first moments, for the time of the report.
-            awaits_echo = begun_s is not None and echo_s is None and now_s - begun_s < _ECHO_S
-            time.sleep(min(left_s, _POLL_S if awaits_echo else _IDLE_S))
+                return
+            time.sleep(min(left_s, _IDLE_S))

@@ -210,10 +210,10 @@ class Session:
         if self._plan.has_intervals:
             row["onset_second"] = round(last.onset_s - self._zero_s, 4)
         # A silent reference gives no report.
-        echoes = [playback.echo_s for _, playback in played if playback.echo_s is not None]
-        if echoes:
-            row["latency_ms"] = round(500.0 * echoes[0], 2)
-            self.latencies_ms.append(500.0 * echoes[0])
+        latencies = [one.latency_s for _, one in played if one.latency_s is not None]
+        if latencies:
+            row["latency_ms"] = round(1000.0 * latencies[0], 2)
+            self.latencies_ms.append(1000.0 * latencies[0])
         return row
 
     def _question(self, trial: Trial, progress: Screen) -> dict[str, Any]:

@@ -74,7 +74,8 @@ class Reporter:
         threading.Thread(target=self._run, name="events", daemon=True).start()
 
     def __call__(self, event: str, device: int = EVERY_DEVICE, **facts: Any) -> None:
-        content = json_message({"event": event, "device": device, **facts})
+        at_s = time.monotonic()  # "levels" follows the values at the port
+        content = json_message({"event": event, "device": device, "at_s": at_s, **facts})
         with self._wake:
             self._events.append(content)
             self._wake.notify()

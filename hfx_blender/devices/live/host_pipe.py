@@ -37,6 +37,7 @@ class Event:
     device: int  # number, or EVERY_DEVICE
     text: str = ""  # reason of a stop; for "connected" the label of the device at a server
     levels: tuple[float, ...] = ()  # 0..1 by actuator
+    at_s: float = 0.0  # time of the report by time.monotonic(), equal in all processes
 
 
 def event_of(body: bytes) -> Event | None:
@@ -48,6 +49,7 @@ def event_of(body: bytes) -> Event | None:
             int(content["device"]),
             str(content.get("text", "")),
             tuple(float(level) for level in content.get("levels", ())),
+            float(content.get("at_s", 0.0)),
         )
     except (ValueError, TypeError, KeyError):
         return None
