@@ -63,7 +63,8 @@ class DeviceState:
 
 
 class LiveClient:
-    """Devices connected to Blender; no method waits for a device or for the output process.
+    """Devices connected to Blender; no method waits for a device or for the output process. Stops,
+    pauses and mutes wait up to 10 ms for the thread that writes to the process.
 
     :meth:`heartbeat` has to be called several times within 250 ms, from the thread to be watched;
     otherwise all devices stop. ``devices`` has the states of the connected devices by name, which
@@ -188,6 +189,7 @@ class LiveClient:
                 self.pipe.void(EVERY_DEVICE)
                 self.pipe.void(number)
                 self.pipe.send(MessageKind.PAUSE, number)
+                self.pipe.hand_over()
         self._gains = gains
 
     def pulse(self, name: str, actuator: int) -> None:
@@ -207,6 +209,7 @@ class LiveClient:
         """Silence all devices until the next values, during up to 10 s without heartbeats."""
         self.pipe.void()
         self.pipe.send(MessageKind.PAUSE)
+        self.pipe.hand_over()
 
     def arm(self, name: str | None = None) -> None:
         """Let a device, or all devices (None), play again after a stop, from silence."""
@@ -217,6 +220,7 @@ class LiveClient:
         if name in self.devices:
             self.pipe.void(self.devices[name].number)
         self._command(MessageKind.STOP, name)
+        self.pipe.hand_over()
 
     def stop_all(self, reason: str = "stopped by you") -> None:
         """Silence all devices now, ahead of unsent messages.
@@ -224,6 +228,7 @@ class LiveClient:
         :meth:`heartbeat` ends the output process if the stop is not confirmed within 0.2 s.
         """
         self.pipe.stop(reason)
+        self.pipe.hand_over()
 
     def close(self) -> None:
         """Stop all devices, end the output process within about a second, and clear

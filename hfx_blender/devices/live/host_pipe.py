@@ -21,6 +21,8 @@ from ..workers.live_frame import LiveFrame, encode_live_frame
 
 _MAX_EVENTS: Final = 1000
 _END_S: Final = 1.0
+_HAND_OVERS: Final = 20
+_HAND_OVER_S: Final = 0.0005
 _Taken = TypeVar("_Taken")
 
 STOP_PATIENCE_S: Final = 0.2
@@ -146,6 +148,14 @@ class HostPipe:
             self.urgent.append(stop)  # an unsent message may arm a device: a second stop follows
         self.urgent.appendleft(stop)
         self._nudge()
+
+    def hand_over(self) -> None:
+        """Wait until the writing thread has taken all messages, at most about 10 ms. After a stop:
+        the thread needs Python's lock, which this thread may hold next for a whole frame."""
+        for _ in range(_HAND_OVERS):
+            if not self.urgent:
+                return
+            time.sleep(_HAND_OVER_S)
 
     def watch(self) -> None:
         """Kill a ready process that has not confirmed a stop for 0.2 s; create the event "gone"."""

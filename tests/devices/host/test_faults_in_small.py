@@ -12,6 +12,7 @@ import threading
 import time
 import zlib
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -203,6 +204,33 @@ def test_a_stop_confirmed_before_its_call_returns_is_confirmed(
     now[0] += 60.0
     pipe.watch()
     assert not worker.is_killed
+
+
+@pytest.mark.parametrize(
+    "silence",
+    [
+        lambda client: client.stop_all("enough"),
+        lambda client: client.stop("band"),
+        lambda client: client.pause(),
+        lambda client: client.set_gains({1: 0.0}),
+    ],
+)
+def test_a_silence_is_written_though_its_thread_keeps_pythons_lock(
+    client: LiveClient, silence: Callable[[LiveClient], None]
+) -> None:
+    written: list[bytes] = []
+    outgoing = client.pipe.outgoing(client.pipe.worker)  # type: ignore[arg-type]
+    threading.Thread(target=lambda: written.extend(outgoing), daemon=True).start()
+    client.heartbeat()
+    time.sleep(0.05)
+    interval_s = sys.getswitchinterval()
+    sys.setswitchinterval(10.0)  # no other thread runs unless this one waits
+    try:
+        silence(client)
+        kinds = [item.kind for item in messages(io.BytesIO(b"".join(written)))]
+    finally:
+        sys.setswitchinterval(interval_s)
+    assert kinds[0] == MessageKind.HEARTBEAT and kinds[1] in (MessageKind.STOP, MessageKind.PAUSE)
 
 
 def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(

@@ -24,6 +24,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -158,9 +159,14 @@ class DistantBoard(threading.Thread):
         command = [sys.executable, str(Path(__file__).resolve()), "--board"]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, bufsize=0)
         assert process.stdout is not None
-        self._output = process.stdout
+        self._process, self._output = process, process.stdout
         self.port = b"".join(iter(lambda: self._output.read(1), b"\n")).decode()
         self.strength, self.changed_s, self.is_by_dead_man = 0.0, 0.0, False
+
+    def close(self) -> None:
+        """End the process of the board."""
+        self._process.kill()
+        self._process.wait()
 
     def run(self) -> None:
         while record := self._output.read(_CHANGE.size):
@@ -173,6 +179,9 @@ _CHANGE = struct.Struct("dd?")
 
 def print_changes() -> None:
     """Run a board, and write its port and each change to standard output, until a kill."""
+    # A real board has a processor of its own.
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     board = Board("pty")
     os.write(1, f"{board.port}\n".encode())
     board.changed = lambda: os.write(

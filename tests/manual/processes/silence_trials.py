@@ -28,7 +28,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
-from live_timing import Board, Sender, free_port, shown, until
+from live_timing import DistantBoard, Sender, free_port, shown, until
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -88,12 +88,11 @@ class Clock(threading.Thread):
 
 
 @contextmanager
-def session(kind: str, clip: Path, folder: Path) -> Iterator[Any]:
-    """Command or Blender with a board: (board, process, sender or None, reading end of the pipe of
+def session(kind: str, clip: Path, folder: Path, board: DistantBoard) -> Iterator[Any]:
+    """Command or Blender with a board: (process, sender or None, reading end of the pipe of
     moments)."""
     command, _, ending = kind.partition(":")
-    board, (reading, writing), sender = Board("pty"), os.pipe(), None
-    board.start()
+    (reading, writing), sender = os.pipe(), None
     port = free_port()
     options = [str(clip), "--device", "waist_belt", "--port", board.port]
     if command == "feel":
@@ -123,21 +122,21 @@ def session(kind: str, clip: Path, folder: Path) -> Iterator[Any]:
         if sender is not None:
             sender.start()
         try:
-            yield board, process, sender, reading
+            yield process, sender, reading
         finally:
             if process.poll() is None:
                 process.kill()
             process.wait()
             if sender is not None:
                 sender.ended.set()
-            board.close()
+            until(lambda: board.strength == 0.0, 2.0)
             os.close(reading)
 
 
-def trial(kind: str, clip: Path, folder: Path) -> tuple[float | None, str]:
+def trial(kind: str, clip: Path, folder: Path, board: DistantBoard) -> tuple[float | None, str]:
     """Seconds from the ending to the silence and "", or None and the fault."""
     ending = kind.partition(":")[2]
-    with session(kind, clip, folder) as (board, process, sender, reading):
+    with session(kind, clip, folder, board) as (process, sender, reading):
 
         def fault(text: str) -> tuple[None, str]:
             output = (folder / "output.txt").read_text(errors="replace").strip()
@@ -180,12 +179,14 @@ def main() -> int:
     options = parser.parse_args()
     seconds: dict[str, list[float]] = {}
     faults = 0
+    board = DistantBoard()
+    board.start()
     kinds = options.only or KINDS
     for number in range(options.trials):
         kind = kinds[number % len(kinds)]
         # A killed command leaves its output process behind, which still writes files for a moment.
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-            taken_s, fault = trial(kind, options.clip, Path(folder))
+            taken_s, fault = trial(kind, options.clip, Path(folder), board)
         if taken_s is None:
             faults += 1
             print(f"trial {number}, {kind}: {fault}", flush=True)  # noqa: T201
@@ -197,6 +198,7 @@ def main() -> int:
         if kind in seconds:
             shown(f"{kind} to silence", seconds[kind])
     print(f"{faults} faults")  # noqa: T201
+    board.close()
     return int(faults > 0)
 
 

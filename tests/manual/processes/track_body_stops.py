@@ -162,6 +162,7 @@ def run(trials: int, folder: str) -> int:
         shown(f"{kind} to silence", seconds)
     print(f"{faults} faults")  # noqa: T201
     live.close()
+    board.close()
     return int(faults > 0)
 
 
