@@ -36,6 +36,10 @@ def name_key(name: str) -> str:
 _SHOWN: Final = 6
 
 
+MOST_NAMES: Final = 12
+"""Largest number of names in a warning or line about many effects; the report file has all."""
+
+
 def named(names: Sequence[str], most: int = _SHOWN) -> str:
     """Join at most ``most`` names with commas, followed by the number of omitted names."""
     more = len(names) - most

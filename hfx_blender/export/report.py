@@ -20,7 +20,8 @@ from ..engine.rendering.raster import Raster, unrendered
 from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
 from ..files import limits
 from ..files.hashes import sha256_of
-from ..text import MOST_LINES, named, printable, shortened
+from ..reading.description.unfelt import NEVER_ON, NO_TOUCH, missed_warnings
+from ..text import MOST_LINES, MOST_NAMES, named, printable, shortened
 from .result_files import listed
 
 REPORT_SUFFIX = ".report.json"
@@ -180,22 +181,16 @@ def effect_facts(
         for name, why in unfelt.items()
         if name not in names
     ]
-    return tuple(lines), _missed_warnings(missed)
+    return tuple(lines), missed_warnings(missed)
 
 
-_NO_TOUCH = "touches no body"
-_NEVER_ON = "is never on"
 _NO_ANSWER = "touches a body, but its contact response gives nothing"
-_OF_TIME = (_NO_TOUCH, _NEVER_ON, _NO_ANSWER)
+_OF_TIME = (NO_TOUCH, NEVER_ON, _NO_ANSWER)
 _MISSED = {
-    "volume": _NO_TOUCH,
+    "volume": NO_TOUCH,
     "painted": "covers no vertex of the body",
     "spot": "covers no vertex of the body",
     "actuators": "drives no actuator",
-}
-_SEVERAL = {
-    _NO_TOUCH: "effects that touch no body are not felt",
-    _NEVER_ON: "effects that are never on are not felt",
 }
 
 
@@ -213,41 +208,27 @@ def _why_missed(
             quantity = times.no_number[effect.id]
             return f"has {quantity} that is no number wherever it would be on"
         if effect.id not in seen_on:
-            return _NEVER_ON
+            return NEVER_ON
     has_response = effect.id in answering
     if has_response and times is None:
-        return f"{_NO_TOUCH}, or its contact response gives nothing"
+        return f"{NO_TOUCH}, or its contact response gives nothing"
     if has_response and times is not None and effect.id in times.touched:
         return _NO_ANSWER
-    reason = _MISSED.get(effect.kind, _NEVER_ON)
+    reason = _MISSED.get(effect.kind, NEVER_ON)
     # A volume flattened at any sample could not be evaluated there.
     flat = f"effect '{effect.name}' {FLATTENED}:"
     is_flat = any(text.startswith(flat) for text in warnings)
-    return FLATTENED if reason == _NO_TOUCH and is_flat else reason
+    return FLATTENED if reason == NO_TOUCH and is_flat else reason
 
 
 def _felt_or_not(
     spans: Sequence[tuple[float, float]] | None, known: Unfelt | None
 ) -> dict[str, Any]:
     if known is not None or spans is None:
-        known = known or Unfelt(_NEVER_ON)
+        known = known or Unfelt(NEVER_ON)
         return {"felt": False, "reason": known.reason, "expected": known.is_expected}
     first, last = zip(*spans, strict=True)
     return {"felt": True, "from_s": min(first), "to_s": max(last)}
-
-
-def _missed_warnings(missed: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """Warnings about unfelt effects, from (name, reason); one warning for each reason."""
-    reasons: dict[str, list[str]] = {}
-    for name, why in missed:
-        reasons.setdefault(why, []).append(name)
-    return tuple(
-        f"effect '{names[0]}' {why}: it is not felt"
-        if len(names) == 1
-        else f"{_SEVERAL.get(why, f'effects are not felt, as each {why}')}: "
-        f"{len(names)} ({', '.join(names)})"
-        for why, names in reasons.items()
-    )
 
 
 def not_played(
@@ -386,7 +367,8 @@ def felt_lines(report: ExportReport) -> tuple[str, ...]:
 
 
 def unfelt_lines(report: ExportReport) -> tuple[str, ...]:
-    """Lines on effects without samples on any body: one line per reason, with all names."""
+    """Lines on effects without samples on any body: one line per reason, with at most 12
+    names."""
     reasons: dict[str, list[str]] = {}
     for line in report.effects:
         if not line["felt"]:
@@ -395,7 +377,7 @@ def unfelt_lines(report: ExportReport) -> tuple[str, ...]:
     return tuple(
         f"{names[0]} was not felt: it {why}"
         if len(names) == 1
-        else f"{len(names)} effects were not felt: each {why}: {named(names, len(names))}"
+        else f"{len(names)} effects were not felt: each {why}: {named(names, MOST_NAMES)}"
         for why, names in reasons.items()
     )
 

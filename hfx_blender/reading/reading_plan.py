@@ -8,7 +8,7 @@ times.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -25,8 +25,16 @@ from .curves.presampled_rig import PresampledRig
 from .description.scene_description import HapticObjects
 from .stepped import stepping
 from .stepped.simulation import has_simulation_anywhere
-from .stepped.stepped_reading import EffectRow, PoseRow, SceneRow, SteppedReading, agree
+from .stepped.stepped_reading import (
+    EffectRow,
+    PoseRow,
+    SceneRow,
+    SteppedReading,
+    agree,
+    are_close,
+)
 from .stepped.stepped_rows import objects_of
+from .stepped.stepped_volumes import FarVolumes
 
 _PROBES = 5
 """Times at which a plan is compared with Blender."""
@@ -127,7 +135,9 @@ def checked(
     if plan.in_own_scene == in_own_scene and not is_sampled:
         return plan
     probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
-    truth = _as_evaluated(haptics, scene, reading, probes.tolist(), in_own_scene)
+    confirmed = _confirmed(plan, haptics, scene)
+    effects = [k for k in haptics.active if k not in confirmed]
+    truth = _as_evaluated(haptics, scene, reading, probes.tolist(), in_own_scene, effects)
     if agrees(plan, truth):
         return plan
     # From cheap to expensive: presampled rigs, F-curves, scratch scene, own scene.
@@ -150,26 +160,43 @@ def checked(
     )
 
 
+def _confirmed(plan: Plan, haptics: HapticObjects, scene: SceneDescription) -> set[int]:
+    """Indices of still volumes with a placement equal to Blender's present one. Nothing moves these
+    at another time, so no step is compared."""
+    still = [k for k, effect in plan.effects.items() if effect.is_still]
+    volumes = FarVolumes(haptics, scene, still)
+    if not volumes.numbers:
+        return set()
+    shown = volumes.read(stepping.Stepper(haptics.scene, haptics.layer))
+    effects = [plan.effects[k] for k in volumes.numbers]
+    matrices = effect_values.to_metres(shown.matrices, haptics.unit_m)
+    matrices[:, :3, :3] *= np.array([effect.scale for effect in effects])[:, None]
+    read = np.stack([effect.still(1).matrices for effect in effects])[:, 0]
+    are_equal = shown.there & are_close(matrices, read).all(axis=(1, 2))
+    return {k for k, is_equal in zip(volumes.numbers, are_equal, strict=True) if is_equal}
+
+
 def _as_evaluated(
     haptics: HapticObjects,
     scene: SceneDescription,
     reading: SteppedReading,
     probes: list[int],
     in_own_scene: bool,
+    effects: Sequence[int],
 ) -> list[SceneRow]:
-    """Rows of all active effects and all bodies at sample indices ``probes``, stepped by Blender in
-    the user's scene or, with ``in_own_scene`` False, in a scratch scene. Meshes are read as
+    """Rows of ``effects`` by index and all bodies at sample indices ``probes``, stepped by Blender
+    in the user's scene or, with ``in_own_scene`` False, in a scratch scene. Meshes are read as
     boxes."""
     bodies = range(len(haptics.bodies))
     if in_own_scene:
         stepped = stepping.own_scene(haptics)
     else:
-        objects = objects_of(haptics, scene, haptics.active, bodies)
+        objects = objects_of(haptics, scene, effects, bodies)
         stepped = stepping.scratch_scene(haptics.scene, objects)
     # Placements and values are compared, so boxes replace meshes.
-    reading.far = frozenset(haptics.active)
+    reading.far = frozenset(effects)
     with stepped as stepper:
-        return [reading.read(index, stepper, haptics.active, bodies) for index in probes]
+        return [reading.read(index, stepper, effects, bodies) for index in probes]
 
 
 def is_same(row: SceneRow, block: AnimationBlock) -> bool:

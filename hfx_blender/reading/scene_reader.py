@@ -140,8 +140,8 @@ class SceneReader:
         self.unfelt = {**{name: Unfelt(why) for name, why in haptics.gone.items()}, **new}
         return (
             *clip_warnings,
-            *(
-                f"effect '{name}' {reason.reason}: it is not felt"
+            *unfelt.missed_warnings(
+                (name, reason.reason)
                 for name, reason in new.items()
                 if not (reason.is_expected or reason.is_warned)
             ),

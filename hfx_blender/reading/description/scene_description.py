@@ -7,7 +7,7 @@ Faults preventing an export are raised before any time is evaluated.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -35,7 +35,7 @@ from ...engine.scene import (
 )
 from ...errors import InputError
 from ...files.hashes import sha256_of
-from ...text import MOST_LINES, shortened
+from ...text import MOST_LINES, MOST_NAMES, named, shortened
 from ...version import __version__
 from ..curves.animation_time import animation_frames, played_frame, sample_frames
 from ..curves.curve_reading import is_steady
@@ -100,18 +100,19 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     enabled = visibility.enabled_objects(scene, layer)
     bodies, body_warnings, left_out = _find_bodies(scene, layer, enabled)
     candidates = effects.effects_of(scene)
-    shown, warnings = _shown_effects(scene, layer, candidates, enabled)
+    shown = _shown_effects(scene, layer, candidates, enabled)
     # Blender reads a stored enum value that is no item, as of a later version, as "".
     roleless = (obj for obj in scene_objects(scene) if obj.hfx.role == "")
     bad_roles = ((obj, bad) for obj in roleless for bad in bad_values(obj) if bad.path == "role")
     unknown = (f"object '{obj.name}': {bad}; it was left out" for obj, bad in bad_roles)
-    warnings = (*unknown, *body_warnings, *warnings)
+    warnings = (*unknown, *body_warnings)
     # Check stored values first: Blender drops a value of another type on the first read.
     sound, faults = soundness.without_faulty(shown, soundness.warnings_of)
     warnings += tuple(text for texts in sound.values() for text in texts)
     bodiless = {e: effects.missing_body_reason(e) for e in sound if effects.needs_body(scene, e)}
     sound = {effect: texts for effect, texts in sound.items() if effect not in bodiless}
-    warnings += _of_bodiless(bodiless, effects.muted_effects(shown))
+    muted = effects.muted_effects(shown)
+    warnings += _excluded((e.name, why) for e, why in bodiless.items() if e not in muted)
     if shown and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
         of_bodiless = (f"Effect '{e.name}' {why}; {_CURE}." for e, why in bodiless.items())
         raise _refusal((*faults.values(), *of_bodiless))
@@ -204,10 +205,9 @@ def _shown_effects(
     layer: bpy.types.ViewLayer,
     candidates: list[bpy.types.Object],
     enabled: set[bpy.types.Object],
-) -> tuple[list[bpy.types.Object], tuple[str, ...]]:
-    """Effects among ``candidates`` that Blender evaluates, in order, and one warning for each
-    disabled one. Raises InputError without candidates, and if all are disabled; never if an object
-    may show instances."""
+) -> list[bpy.types.Object]:
+    """Effects among ``candidates`` that Blender evaluates, in order. Raises InputError without
+    candidates, and if all are disabled; never if an object may show instances."""
     # Instances may show volumes of other scenes.
     has_instances = any(map(reached.is_instancer, scene_objects(scene)))
     if not candidates and not has_instances:
@@ -217,45 +217,34 @@ def _shown_effects(
         raise InputError(
             f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
         )
-    warnings = tuple(_absent(effect.name) for effect in candidates if effect not in shown)
-    return shown, warnings
-
-
-def _absent(name: str) -> str:
-    """Warning about an effect that Blender does not evaluate."""
-    return f"effect '{name}' {ABSENT}: it was left out"
+    return shown
 
 
 def without_absent(haptics: HapticObjects, instanced: Collection[str]) -> HapticObjects:
-    """Copy without warnings and reasons about excluded effects with instances, given by name: these
-    effects are felt at the instances."""
-    texts = set(map(_absent, instanced))
-    return replace(
-        haptics,
-        warnings=tuple(text for text in haptics.warnings if text not in texts),
-        gone={
-            name: why
-            for name, why in haptics.gone.items()
-            if why != ABSENT or name not in instanced
-        },
-    )
+    """Copy without reasons about excluded effects with instances, given by name: these effects are
+    felt at the instances."""
+    reasons = haptics.gone.items()
+    gone = {name: why for name, why in reasons if why != ABSENT or name not in instanced}
+    return replace(haptics, gone=gone)
 
 
-def _of_bodiless(
-    bodiless: Mapping[bpy.types.Object, str], silenced: Sequence[bpy.types.Object]
-) -> tuple[str, ...]:
-    """One warning for each reason, with the names of the effects excluded for it. ``bodiless`` are
-    reasons by effect; silenced effects get none."""
-    reasons: dict[str, list[str]] = {}
-    for effect, why in bodiless.items():
-        if effect not in silenced:
-            reasons.setdefault(why, []).append(f"'{effect.name}'")
-    return tuple(
-        f"effect {names[0]} {why}: it was left out; {_CURE}"
-        if len(names) == 1
-        else f"{len(names)} effects were left out, as each {why}; {_CURE}: {', '.join(names)}"
-        for why, names in reasons.items()
-    )
+def _excluded(reasons: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """One warning for each reason, from (effect name, reason), with at most 12 names."""
+    names_by_reason: dict[str, list[str]] = {}
+    for name, why in reasons:
+        names_by_reason.setdefault(why, []).append(f"'{name}'")
+    texts = []
+    for why, names in names_by_reason.items():
+        count, listed = len(names), named(names, MOST_NAMES)
+        if count == 1 and why == ABSENT:
+            texts.append(f"effect {listed} {why}: it was left out")
+        elif count == 1:
+            texts.append(f"effect {listed} {why}: it was left out; {_CURE}")
+        elif why == ABSENT:
+            texts.append(f"{count} effects were left out, as each {why}: {listed}")
+        else:
+            texts.append(f"{count} effects were left out, as each {why}; {_CURE}: {listed}")
+    return tuple(texts)
 
 
 def describe(
@@ -315,7 +304,8 @@ def describe(
         left_out=(*haptics.left_out, *soundness.left_out(faults)),
         gone={**haptics.gone, **_names_of(faults)},
     )
-    warnings = [*haptics.warnings, *valid.left_out]
+    absent = ((name, why) for name, why in haptics.gone.items() if why == ABSENT)
+    warnings = [*_excluded(absent), *haptics.warnings, *valid.left_out]
     warnings += filter(None, map(body_binding.warning_of, haptics.bodies))
     if bpy.app.autoexec_fail:
         warnings.append(

@@ -79,14 +79,18 @@ def agree(one: object, two: object, names: Sequence[str]) -> bool:
 
 
 def _close(one: npt.ArrayLike | None, two: npt.ArrayLike | None) -> bool:
-    """Test arrays of equal shape for equality within 1e-5 relative plus 5e-6; NaN equals NaN, None
-    only None."""
+    """Test arrays of equal shape for equality of all elements; None equals only None."""
     if one is None or two is None:
         return one is two
     one, two = np.asarray(one), np.asarray(two)
     if one.shape == two.shape and (one == two).all():
         return True  # common, and ten times faster than allclose
-    return one.shape == two.shape and np.allclose(one, two, _RELATIVE, _ABSOLUTE, equal_nan=True)
+    return one.shape == two.shape and bool(are_close(one, two).all())
+
+
+def are_close(one: npt.ArrayLike, two: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Mask of elements equal within 1e-5 relative plus 5e-6; NaN equals NaN."""
+    return np.isclose(one, two, _RELATIVE, _ABSOLUTE, equal_nan=True)
 
 
 def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:

@@ -8,6 +8,7 @@ Boxes here contain the boxes of the engine's broad phase, so that a skipped volu
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 
 import bpy
 import numpy as np
@@ -67,8 +68,13 @@ class FarVolumes:
         self._states = [found.activations[k] for k in self.numbers]
         self._ids = [scene.effects[k].id for k in self.numbers]
         self._unit_m = found.unit_m
-        model_ids = {scene.effects[k].model_id for k in self.numbers}
-        self._skins = [SkinBoxes(body, model_ids) for body in scene.bodies if self.numbers]
+        self._scene = scene
+
+    @cached_property
+    def _skins(self) -> list[SkinBoxes]:
+        """Boxes of the skin of each body."""
+        model_ids = {self._scene.effects[k].model_id for k in self.numbers}
+        return [SkinBoxes(body, model_ids) for body in self._scene.bodies]
 
     def read(self, stepper: Stepper) -> VolumePlacements:
         """Placements of all N volumes at the present frame, Blender units. Boxes of meshes are NaN

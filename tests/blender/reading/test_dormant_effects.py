@@ -106,7 +106,7 @@ def test_nothing_of_it_is_read(
     del made[:], read[:]
     evaluation = oracle.evaluate(scene)
     assert made == []
-    assert set(read) == {"Felt"}  # a few times are compared with Blender's evaluation
+    assert not read  # Felt stands still, and is compared without a step
     assert evaluation.reader.stepping_note == CURVES
     assert evaluation.counters.as_dict() == alone.counters.as_dict()
     assert _entries(evaluation, "Felt") == _entries(alone, "Felt")

@@ -20,6 +20,7 @@ from hfx_blender.export.report import ExportReport, describe, felt_lines, unfelt
 from hfx_blender.text import MOST_LINES
 
 bpy = pytest.importorskip("bpy")
+oracle = pytest.importorskip("oracle")
 
 FPS, LAST = 25, 49
 """Frames 0 to 49: two seconds. The rate is that of the frames."""
@@ -700,7 +701,24 @@ def test_two_thousand_effects_stay_readable() -> None:
     assert len(lines) == MOST_LINES + 1 and lines[-1] == f"... and {2000 - MOST_LINES} more"
     (line,) = unfelt_lines(_report(2000, False))
     assert line.startswith("2000 effects were not felt: each is muted: E0 (wind)")
-    assert line.endswith("E1999 (wind)") and felt_lines(_report(2000, False)) == ()
+    assert line.endswith("E11 (wind) and 1988 more") and felt_lines(_report(2000, False)) == ()
+
+
+@pytest.mark.parametrize("reason", ["disabled", "of intensity 0", "touching no body", "off"])
+def test_many_effects_of_a_reason_are_one_warning_of_twelve_names(
+    touch: Any, told: Any, reason: str
+) -> None:
+    for _ in range(20):
+        still = oracle.add_volume("Still", "pressure", "SPHERE", (0.0, 0.0, 50.0))
+        still.hide_viewport = reason == "disabled"
+        still.hfx.intensity = float(reason != "of intensity 0")
+        if reason == "off":
+            still.hfx.activation = 0.0
+            oracle.key(still, "hfx.activation", [(1, 0.0), (500, 0.0)])
+    report = told()
+    (warning,) = report["warnings"]
+    assert "20" in warning and warning.count("Still") == 12 and "and 8 more" in warning
+    assert sum(line["effect"].startswith("Still") for line in report["effects"]) == 20
 
 
 @pytest.mark.parametrize("count", [12, 300])
@@ -715,7 +733,7 @@ def test_the_last_lines_are_those_of_effects(tmp_path: Path, count: int) -> None
     first, *lines = describe(report).splitlines()
     *written, warning, note, unfelt = lines
     assert (first, note, warning) == ("Scene 'Scene'", "  note: n", "  warning: w")
-    assert all(f"E{k} (wind)" in unfelt for k in range(40)) and "more" not in unfelt
+    assert all(f"E{k} (wind)" in unfelt for k in range(12)) and unfelt.endswith("and 28 more")
     if count == 12:
         assert [line.split()[1] for line in written] == [str(path) for path in files]
     else:
