@@ -57,8 +57,8 @@ def steps(h: Any) -> Iterator[float]:
     before = hands.tint(pixels, h.xy_of(CHEST))
 
     x, y = yield from hands.icon(h, 0, 0)
-    above = y - hands.LIST_BELOW  # the switch and, to the right, the palette
-    yield from h.click(x + 30, above)
+    above = y - hands.LIST_BELOW  # the switches and, to the right, the palette
+    yield from h.click(x + 49, above)
     yield 0.6
     h.shot("5_palettes.png")
     rows = yield from h.menu_rows()
