@@ -35,10 +35,11 @@ _IN_BLENDER = (
 )
 """Modules with texts for panels and reports that are neither labels nor errors."""
 
-_LABELS = ("ui/", "engine/body/parts.py", "engine/modality.py")
+_LABELS = ("ui/", "engine/body/parts.py")
 """Modules whose capitalized words are labels."""
 
 _FORMATS, _REGIONS = "formats/formats.toml", "engine/body/regions.csv"
+_MODALITIES = "engine/modalities.toml"
 
 _WORDS = re.compile(r"[A-Za-z]{2,}")
 _PLACEHOLDER = re.compile(r"\{\d+\}")
@@ -197,6 +198,9 @@ def _table_texts() -> Iterator[tuple[str, str]]:
     """Labels in tables beside the source: the name of the table, and a text."""
     for members in tomllib.loads((PACKAGE / _FORMATS).read_text(encoding="utf-8")).values():
         yield _FORMATS, members["title"]
+    for members in tomllib.loads((PACKAGE / _MODALITIES).read_text(encoding="utf-8")).values():
+        for field in ("title", "description", "devices"):
+            yield _MODALITIES, members[field]
     with (PACKAGE / _REGIONS).open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             yield _REGIONS, row["label"]

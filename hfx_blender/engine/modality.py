@@ -9,9 +9,11 @@ deviation from a neutral temperature.
 from __future__ import annotations
 
 import math
+import tomllib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from .arrays import F64
@@ -26,9 +28,6 @@ CONTACT_NEUTRAL_C: Final = 33.0
 HFX Studio's 30 degC area near a fire must warm, and a 30 degC object must cool (our interpretation
 of Danieau et al. 2018, section 4.1), so the neutral temperatures differ.
 """
-
-MAX_TEMPERATURE_C: Final = 40.0
-"""Highest temperature of all devices: conservative for skin, not a certified limit."""
 
 Colour = tuple[float, float, float]
 """Linear RGB, 0..1."""
@@ -110,97 +109,23 @@ class Modality:
         return self.strength_parameter.minimum >= 0.0
 
 
+def _entry(name: str, members: dict[str, Any]) -> Modality:
+    """Modality of a table of ``modalities.toml``: arrays are tuples."""
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in members.items()}
+    values["parameters"] = tuple(Parameter(**parameter) for parameter in members["parameters"])
+    return Modality(name, **values)
+
+
 MODALITIES: Final[dict[str, Modality]] = {
-    modality.name: modality
-    for modality in (
-        Modality(
-            "vibration",
-            "Vibration",
-            "Oscillation of the skin, with an amplitude and a frequency",
-            "All that vibrate",
-            "vibration",
-            (
-                Parameter("amplitude_m_s2", "m/s^2", 10.0, 0.0, 1000.0, "amplitude"),
-                Parameter("frequency_hz", "Hz", 100.0, 0.1, 1000.0, "frequency", neutral=100.0),
-            ),
-            strength="amplitude_m_s2",
-            combining="Amplitudes of equal frequency (within 1 Hz) add; "
-            "unequal ones add as powers.",
-            colour=(0.9, 0.05, 0.05),
-            colour_blind=(0.835, 0.369, 0.0),
-            full_colour=8.0,
-            icon="FORCE_HARMONIC",
-            hjif="Vibrotactile",
-            hjif_unit="m/s^2",
-            gltf=4,
-        ),
-        Modality(
-            "pressure",
-            "Pressure",
-            "Static force on the skin",
-            "All that press",
-            "pressure",
-            (Parameter("pressure_kpa", "kPa", 5.0, 0.0, 100.0, "pressure"),),
-            strength="pressure_kpa",
-            combining="Pressures at one place add.",
-            colour=(0.05, 0.65, 0.08),
-            colour_blind=(0.0, 0.620, 0.451),
-            full_colour=6.0,
-            icon="FULLSCREEN_EXIT",
-            hjif="Pressure",
-            hjif_unit="kPa",
-        ),
-        Modality(
-            "temperature",
-            "Temperature",
-            "Warmth or cold of the air or of a touched object",
-            "All temperature actuators",
-            "temperature",
-            (
-                Parameter(
-                    "temperature_c",
-                    "degC",
-                    30.0,
-                    -20.0,
-                    60.0,
-                    "temperature",
-                    neutral=AMBIENT_NEUTRAL_C,
-                    device_maximum=MAX_TEMPERATURE_C,
-                ),
-            ),
-            strength="temperature_c",
-            combining="Deviations from each effect's own neutral temperature add.",
-            colour=(0.08, 0.2, 0.95),
-            colour_blind=(0.902, 0.624, 0.0),
-            full_colour=6.0,  # from neutral
-            icon="LIGHT_SUN",
-            hjif="Temperature",
-            hjif_unit="K from neutral",
-            gltf=3,
-        ),
-        Modality(
-            "wind",
-            "Wind",
-            "Moving air, along the effect's local Z axis",
-            "All that blow",
-            "pressure",
-            (
-                Parameter("speed_m_s", "m/s", 5.0, 0.0, 60.0, "wind_speed"),
-                Parameter("direction_x", "1", 0.0, -1.0, 1.0),
-                Parameter("direction_y", "1", 0.0, -1.0, 1.0),
-                Parameter("direction_z", "1", 1.0, -1.0, 1.0),
-            ),
-            strength="speed_m_s",
-            combining="Winds at one place add as vectors; world space, the way that the air moves.",
-            colour=(0.1, 0.7, 0.75),  # not in the paper
-            colour_blind=(0.337, 0.706, 0.914),
-            full_colour=6.0,
-            icon="FORCE_WIND",
-            hjif="Wind",
-            hjif_unit="m/s",
-        ),
-    )
+    name: _entry(name, members)
+    for name, members in tomllib.loads(
+        Path(__file__).with_name("modalities.toml").read_text(encoding="utf-8")
+    ).items()
 }
+"""Modalities by name, in the order of menus; a table each in ``modalities.toml``."""
+
+MAX_TEMPERATURE_C: Final = MODALITIES["temperature"].strength_parameter.device_maximum
+"""Highest temperature of all devices."""
 
 MODALITY_ITEMS: Final = tuple((m.name, m.title, m.description) for m in MODALITIES.values())
 """Modalities as items of an enumeration property."""
