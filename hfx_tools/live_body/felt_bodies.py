@@ -120,10 +120,9 @@ class FeltBodies:
         self.bodies: dict[str, FeltBody] = {}
         self._worn: dict[str, _Worn] = {}
         self.recorded: dict[str, list[tuple[float, F64]]] = {name: [] for name in devices}
-        single = ports.get("")
+        self._ports, single = ports, ports.get("")
         for name, device in devices.items():
-            chosen = None if single or len(ports) > 1 else next(iter(ports))
-            record = device_record(sections, device, chosen, str(path))
+            record = device_record(sections, device, self._chosen(sections, device), str(path))
             check_columns(sections, record, device, str(path))
             wearer = texts_at(sections, np.atleast_1d(record["body"]))[0]
             receiver = ports.get(wearer, single)
@@ -199,6 +198,17 @@ class FeltBodies:
         levels = tone * self._effects.levels(self._values)
         levels += touch * np.array([body.core.touch(k) for k in self.volumes])
         return places, levels * body.factor(now_s) * self._values.gain
+
+    def _chosen(self, sections: Sections, device: DeviceConfig) -> str | None:
+        """Body for the next device: the only tracked one, else the first tracked one that the clip
+        has values for, preferably without a device so far; None without a choice."""
+        if len(self._ports) == 1:
+            return next(iter(self._ports)) or None
+        records = sections["DEVC"]
+        ids, bodies = (texts_at(sections, records[key]) for key in ("id", "body"))
+        # A clip has the values of each device on each body.
+        able = [b for i, b in zip(ids, bodies, strict=True) if i == device.id and b in self._ports]
+        return next((body for body in able if body not in self.bodies), next(iter(able), None))
 
     def _body(
         self, content: bytes, sections: Sections, name: str, receiver: OscReceiver, path: str

@@ -27,10 +27,13 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model, load_skeleton
 from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.scene import (
+    AnimationBlock,
     BodyDescription,
     Clip,
+    EffectBlock,
     EffectDescription,
     PaintedArea,
+    PoseBlock,
     SceneDescription,
     SkinBinding,
     TimeBase,
@@ -38,6 +41,7 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.track import TrackHeader
 from hfx_blender.errors import HfxError, InputError, UsageError
 from hfx_blender.formats.clip.clip_writer import write
+from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
 from hfx_blender.tracking.osc_packets import OscMessage
 from hfx_blender.tracking.receiver import OscReceiver, ReceivedMessage
 from hfx_tools.live_body import player_core
@@ -124,6 +128,38 @@ def test_a_lost_sender_fades_within_two_seconds_and_comes_back(clip: Path) -> No
         "body 'Anna' lost its sender and fades to silence",
         "body 'Anna' is tracked",
     ]
+
+
+def test_two_devices_are_on_two_tracked_bodies(tmp_path: Path) -> None:
+    """A clip has the values of each device on each of its bodies, in the order of the bodies."""
+    belts = {n: replace(load_device("oculus_touch"), id=n) for n in ("belt_a", "belt_b")}
+    model = load_model("hfx-vibration-1")
+    area = PaintedArea("a", np.array([0], np.int32), np.ones(1, np.float32))
+    names = {"a": "Anna", "b": "Ben", "c": "Carl"}
+    binding = SkinBinding(load_skeleton().bone_names)
+    scene = SceneDescription(
+        TimeBase(Fraction(50), Fraction(50), 0, 0, 1),
+        tuple(BodyDescription(body, name, binding) for body, name in names.items()),
+        (EffectDescription("e", "Hit", "vibration", model.id, area),),
+    )
+    still = PoseBlock(np.ones(2, np.bool_), np.tile(np.eye(4), (2, 1, 1)))
+    recorder = SpatialRecorder(scene)
+    block = EffectBlock(np.ones(2), np.tile([12.0, 160.0], (2, 1)))
+    recorder.add(AnimationBlock(np.arange(2), (block,), (still,) * 3))
+    header = TrackHeader.of(scene, {model.id: model}, settings={}, tools={})
+    played = [(d, render(header, [], d, body_id=b)) for b in names for d in belts.values()]
+    (path,) = write(header, played, tmp_path / "x", recorder).files
+
+    def wearers(*bodies: str, devices: tuple[str, ...] = ("belt_a", "belt_b")) -> list[str]:
+        ports: dict[str, OscReceiver] = {body: _Messages() for body in bodies}  # type: ignore[misc]
+        worn = {name: belts[name] for name in devices}
+        source = FeltBodies(path, worn, ports, LiveValues(), lambda text: None)
+        return list(source.bodies)
+
+    assert wearers("Anna", "Ben") == ["Anna", "Ben"]
+    assert wearers("Carl", "Ben") == ["Ben", "Carl"]
+    assert wearers("Ben") == ["Ben"], "both devices on the only tracked body"
+    assert wearers("Ben", "Carl", devices=("belt_b",)) == ["Ben"]
 
 
 def test_a_volume_is_placed_turned_and_scaled() -> None:
