@@ -3,8 +3,9 @@
 
 ``python tests/manual/processes/live_timing.py CLIP --changes 300`` sends a body of 60 poses 60
 times a second, and prints the times from the datagram of a new pose to the frame at the port.
-``--transport pty`` is a serial board, ``udp`` a board that receives OSC; ``--bodies 2`` needs a
-clip of two bodies. CLIP: a volume round the trunk of a body with the shipped ``waist_belt``. POSIX.
+``--transport pty`` is a serial board, ``udp`` a board that receives OSC. CLIP: a volume round the
+trunk of a body with the shipped ``waist_belt``. ``--bodies 2 --transport udp`` needs a clip of two
+bodies with copies of the belt that are named belt_a and belt_b, and their names. POSIX.
 """
 
 from __future__ import annotations
@@ -219,16 +220,18 @@ class Session:
 
     def __init__(self, options: argparse.Namespace, folder: Path) -> None:
         self.senders = [Sender(free_port()) for _ in range(options.bodies)]
-        self.board = Board(options.transport)
+        self.boards = [Board(options.transport) for _ in self.senders]
         command = [sys.executable, "-m", "hfx_blender", "feel", str(options.clip)]
-        command += ["--device", str(_device(options.transport, folder, self.board.port))]
+        ids = ["waist_belt"] if options.bodies == 1 else ["belt_a", "belt_b"]
+        for name, board in zip(ids, self.boards, strict=True):
+            board.start()
+            command += ["--device", str(_device(options.transport, folder, board.port, name))]
         if options.transport == "pty":
-            command += ["--port", self.board.port]
+            command += ["--port", self.boards[0].port]
         if options.bodies == 1:
             command += ["--vmc", str(self.senders[0].address[1])]
         for k, sender in enumerate(self.senders if options.bodies > 1 else ()):
             command += ["--body", f"{options.names[k]}={sender.address[1]}"]
-        self.board.start()
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=_environment(folder)
         )
@@ -247,15 +250,16 @@ class Session:
         return self.process.communicate()[0].decode()
 
 
-def _device(transport: str, folder: Path, port: str) -> Path:
-    """The shipped belt, or its copy that sends OSC."""
+def _device(transport: str, folder: Path, port: str, name: str) -> Path:
+    """The shipped belt, or its copy of another name that sends OSC."""
     device = json.loads((ROOT / "device_configs/waist_belt.json").read_text(encoding="utf-8"))
+    device["id"] = name
     if transport == "udp":
         device["output"] = {
             "encoder": {"kind": "osc", "address": "/motor{number}"},
             "transport": {"kind": "udp", "host": "127.0.0.1", "port": int(port)},
         }
-    path = folder / "belt.json"
+    path = folder / f"{name}.json"
     path.write_text(json.dumps(device), encoding="utf-8")
     return path
 
@@ -278,12 +282,13 @@ def changes(options: argparse.Namespace, folder: Path) -> int:
     """Measure changes of the pose until the frame at the port."""
     session, seconds = Session(options, folder), []
     try:
-        if not until(lambda: session.board.strength > 0.0, 30.0):
+        if not until(lambda: all(board.strength > 0.0 for board in session.boards), 30.0):
             print(session.close())  # noqa: T201
             return 1
         time.sleep(1.0)
-        for _ in range(options.changes):
-            sender, board = session.senders[0], session.board
+        for number in range(options.changes):
+            sender = session.senders[number % options.bodies]
+            board = session.boards[number % options.bodies]
             time.sleep(random.uniform(0.25, 0.35))
             sender.changed_s = 0.0
             board.first_s = None
