@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from contextlib import ExitStack, closing
 from fractions import Fraction
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import DeviceError, UsageError
+from hfx_blender.files.atomic import atomic_file
 from hfx_blender.tracking.receiver import PRIVATE, OscReceiver
 from hfx_blender.tracking.vmc_body import VmcBody
 
@@ -62,7 +64,10 @@ def add_parser(commands: Any) -> None:
         "--seconds", type=float, metavar="S", help="end after this time (default: at Ctrl-C)"
     )
     parser.add_argument(
-        "--record", type=Path, metavar="FILE", help="write the values of the device as .csv"
+        "--record",
+        type=Path,
+        metavar="FILE",
+        help="write the values of the device as .csv or .jsonl",
     )
     parser.add_argument(
         "--sound",
@@ -105,8 +110,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
     check_outputs(options, names)
     if options.seconds is not None and not 0.0 < options.seconds < np.inf:
         raise UsageError(f"--seconds {options.seconds:g}: expected more than 0")
-    if options.record is not None and (len(names) > 1 or options.record.suffix.lower() != ".csv"):
-        raise UsageError("--record: expected one --device and a name that ends in .csv")
+    suffix = ".csv" if options.record is None else options.record.suffix.lower()
+    if suffix not in _RECORDS or (options.record is not None and len(names) > 1):
+        raise UsageError("--record: expected one --device and a name that ends in .csv or .jsonl")
     if not all(abs(metres) <= 10_000.0 for metres in options.at):
         raise UsageError("--at: expected two numbers from -10000 to 10000")
     write_note = console.warn if console.as_json else console.say
@@ -134,7 +140,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
             source.end_s = options.seconds
         if options.record is not None:
             # Written at every end, so also after Ctrl-C; devices are silent by then.
-            stack.callback(_record, options.record, source.recorded[names[0]], devices[names[0]])
+            rows, device = source.recorded[names[0]], devices[names[0]]
+            stack.callback(_RECORDS[suffix], options.record, rows, device)
         client = stack.enter_context(closing(LiveClient()))
         offsets_ms = [
             connect(client, name, (device, None), options, write_note)
@@ -178,6 +185,14 @@ def _ports(options: argparse.Namespace) -> dict[str, int]:
     return ports
 
 
+def _record_lines(path: Path, rows: list[tuple[float, F64]], _device: DeviceConfig) -> None:
+    """Write each row at its own time, as a line of a simulator's log."""
+    with atomic_file(path) as file:
+        for time_s, values in rows:
+            line = json.dumps({"time_s": round(time_s, 6), "values": values.tolist()})
+            file.write(line.encode() + b"\n")
+
+
 def _record(path: Path, rows: list[tuple[float, F64]], device: DeviceConfig) -> None:
     """Write values over time as a raster of 100 rows a second; each row has the latest values."""
     from hfx_blender.engine.rendering.raster import Raster, columns_of
@@ -201,3 +216,6 @@ def _record(path: Path, rows: list[tuple[float, F64]], device: DeviceConfig) -> 
         (),
     )
     csv_raster.write(raster, path)
+
+
+_RECORDS: Final = {".csv": _record, ".jsonl": _record_lines}

@@ -44,6 +44,7 @@ from hfx_blender.formats.clip.clip_writer import write
 from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
 from hfx_blender.tracking.osc_packets import OscMessage
 from hfx_blender.tracking.receiver import OscReceiver, ReceivedMessage
+from hfx_tools.commands import feel
 from hfx_tools.live_body import player_core
 from hfx_tools.live_body.felt_bodies import FeltBodies, placed
 from hfx_tools.live_body.live_values import LiveValues
@@ -286,6 +287,17 @@ def test_the_command_feels_and_records(
     assert run(["validate", str(tmp_path / "felt.csv")]) == 0
 
 
+def test_lines_are_recorded_at_their_own_times(tmp_path: Path) -> None:
+    """The lines are those of a simulator's log, with seconds from the start of the playback."""
+    rows = [(0.0, np.array([4.8, 160.0])), (0.0123456789, np.array([0.0, 160.0]))]
+    path = tmp_path / "felt.jsonl"
+    feel._RECORDS[".jsonl"](path, rows, load_device("oculus_touch"))
+    assert path.read_text(encoding="utf-8").splitlines() == [
+        '{"time_s": 0.0, "values": [4.8, 160.0]}',
+        '{"time_s": 0.012346, "values": [0.0, 160.0]}',
+    ]
+
+
 def free_ports() -> int:
     """First of two neighbouring free UDP ports."""
     while True:
@@ -308,7 +320,7 @@ def free_ports() -> int:
         (["--vmc", "70000"], "expected 1 to 65535"),
         (["--seconds", "nan"], "--seconds nan: expected more than 0"),
         (["--sender", "everyone"], "expected an address"),
-        (["--record", "x.jsonl"], "--record: expected"),
+        (["--record", "x.wav"], "--record: expected"),
     ],
 )
 def test_wrong_options_are_one_sentence(
