@@ -64,6 +64,10 @@ def with_onsets(rate: int) -> dict[str, tuple[F64, F64]]:
             first = int(start * rate)
             sound[first : first + len(click)] += click * random.standard_normal(len(click))
         sounds[f"clicks {level_db}"] = sound, starts
+    starts = np.cumsum(random.uniform(0.2, 0.45, 6))
+    sound = 0.017 * random.standard_normal(len(t))
+    sound[(starts * rate).astype(int)] += 1.0
+    sounds["impulses"] = sound, starts
     for hertz, decay_s in ((60.0, 0.1), (160.0, 0.15), (440.0, 0.08), (2500.0, 0.06)):
         starts = np.arange(0.2, 2.8, 0.45)
         after = np.maximum(t[:, None] - starts, 0.0)

@@ -36,6 +36,7 @@ _SILENT: Final = 1e-6  # amplitude that counts as silence, a share of full scale
 _RATES_HZ: Final = (100, 768_000)
 _QUIET_DB: Final = -40.0  # level that counts as silence, relative to the loudest nearby
 _RISE_DB: Final = 9.5
+_RISE_OF_ALL_DB: Final = 6.0  # the same for the mean level of all bands
 _RARE: Final = 4.0  # multiple of the usual rises of a band that an onset exceeds
 _APART: Final = 25  # frames between two onsets, at least
 _PERIOD: Final = 30  # frames: pulses closer than this are a tone
@@ -233,28 +234,33 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     total = power.sum(1)
     near = maximum_filter1d(total, 2 * _NEAR + 1)
     level = 10.0 * np.log10(power + 10.0 ** (_QUIET_DB / 10.0) * near[:, None] + 1e-12)
-    before = np.zeros_like(level)
-    for k, centre in enumerate(centres.tolist()):
-        # A band of width B needs 1 / B seconds to rise.
-        lag = max(_LAG, ceil(0.6 * FRAME_HZ / 2.0**centre))
-        before[:, k] = _largest(level[:, k], -_PERIOD, -lag)
+    # The mean level of all bands is a further band: it is steady in noise, so a small rise counts.
+    level = np.append(level, level.mean(1, keepdims=True), axis=1)
+    power = np.append(power, total[:, None], axis=1)
+    least = np.append(np.full(len(centres), _RISE_DB), _RISE_OF_ALL_DB)
+    # A band of width B needs 1 / B seconds to rise.
+    lags = [*np.ceil(0.6 * FRAME_HZ / 2.0**centres).astype(int).tolist(), _LAG]
+    before = np.stack(
+        [_largest(level[:, k], -_PERIOD, -max(lag, _LAG)) for k, lag in enumerate(lags)], axis=1
+    )
     rise = np.maximum(level - before, 0.0)
     starts = np.arange(0, len(rise), _NEAR // 4)
     # The silence before and after the sound does not count as usual.
     firsts = np.clip(starts - _NEAR, begin, max(end - 2 * _NEAR, begin))
     usual = [np.percentile(rise[k : min(k + 2 * _NEAR, end)], 90, axis=0) for k in firsts]
     usual_rise = np.repeat(usual, _NEAR // 4, axis=0)[: len(rise)]
-    amplitude = np.sqrt(power)
+    amplitude = 10.0 ** (level / 20.0)
     # Half of the coming peak is reached within the rise time: a swell is no onset.
     is_attack = amplitude >= 0.5 * _largest(amplitude, 0, _APART)
-    excess = np.where(is_attack, rise - _RISE_DB - _RARE * usual_rise, 0.0).clip(0.0)
+    excess = np.where(is_attack, rise - least - _RARE * usual_rise, 0.0).clip(0.0)
     is_part = (power * (excess > 0.0)).sum(1) >= _PART * _largest(total, 0, _APART // 2)
     # The end of a tone is a click, too, of all bands: the total does not rise there.
     earlier = _largest(total, -_APART, -_LAG)
     after = np.roll(uniform_filter1d(total, _APART), -_APART // 2 - 8)
     is_kept = (_largest(total, -2, 8) >= 1.25 * earlier) | (after >= 0.5 * earlier)
     frames, _ = find_peaks(np.where(is_part & is_kept, excess.sum(1), 0.0), distance=_APART)
-    later = np.median(total[begin + 2 * _APART : begin + 10 * _APART]) if begin else 0.0
+    rest = total[begin + 2 * _APART : min(begin + 10 * _APART, end)]
+    later = np.median(rest) if begin and len(rest) else 0.0
     for peak in frames[frames >= begin - _LAG].tolist():
         # The envelope of a band rises symmetrically about the onset: steepest there.
         first = max(peak - 10, 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import wave
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from movie_file import write_movie
 FPS = 24
 START = 12
 MOVIE_RATE, MOVIE_PICTURES = 20, 40
-SOUND, VIDEO = -2, -1  # the last buttons of the tab
 SOUND_S, SOUND_HZ = 4.0, 8000
 
 
@@ -37,7 +37,7 @@ def steps(h: Any) -> Iterator[float]:
     write_picture(picture)
     yield from hands.go_to(h, START)
     start = scene.frame_current
-    yield from press(h, SOUND)
+    yield from h.press_button("HFX_OT_add_sound")
     yield from h.save_as(sound)
     yield from h.until(lambda: sounds(), "the sound is a strip of the sequencer", 20)
     (strip,) = sounds()
@@ -46,6 +46,7 @@ def steps(h: Any) -> Iterator[float]:
     h.check(abs(length - SOUND_S * FPS) <= 1, f"and lasts {length} frames")
     h.check(scene.sync_mode == "AUDIO_SYNC", "playing keeps in step with the sound")
     h.shot("2_sound.png")
+    yield from felt_sound(h, start)
 
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))
     frame = scene.frame_current
@@ -56,7 +57,7 @@ def steps(h: Any) -> Iterator[float]:
     # Whether frames are left out to stay in step shows only where there is a sound card.
 
     before = set(bpy.data.objects)
-    yield from press(h, VIDEO)
+    yield from h.press_button("HFX_OT_add_video")
     yield from h.save_as(picture)
     yield from h.until(lambda: set(bpy.data.objects) - before, "a screen is added", 20)
     (screen,) = set(bpy.data.objects) - before
@@ -84,7 +85,7 @@ def flat_video(h: Any) -> Iterator[float]:
     scene = bpy.context.scene
     yield from hands.go_to(h, 2 * START)
     start = scene.frame_current
-    yield from press(h, VIDEO)
+    yield from h.press_button("HFX_OT_add_video")
     yield from h.save_as(movie)
     yield from h.until(lambda: "clip" in bpy.data.objects, "a screen is added", 20)
     h.check(len(sounds()) == 2, "and its sound is on the timeline")
@@ -110,10 +111,25 @@ def flat_video(h: Any) -> Iterator[float]:
     h.shot("5_played.png")
 
 
-def press(h: Any, which: int) -> Iterator[float]:
-    buttons = yield from h.op_buttons(h.region("UI"))
-    yield from h.click(*buttons[which])
-    yield 0.5
+def felt_sound(h: Any, start: int) -> Iterator[float]:
+    """The button below the strip; the effect follows the sound where the strip lies."""
+    yield from h.press_button("HFX_OT_feel_sound")
+    yield 0.8
+    h.shot("2_feel_this_sound.png")
+    yield from h.key("Return")
+    if find_spec("scipy") is None:  # the small zip without scipy: a report names the package
+        yield 1.0
+        h.shot("2_needs_scipy.png")
+        h.check("hum.wav" not in bpy.data.objects, "without scipy nothing is added")
+        return
+    yield from h.until(lambda: "hum.wav" in bpy.data.objects, "an effect follows the sound", 30)
+    (clip,) = hands.clips_of(bpy.data.objects["hum.wav"])
+    h.check(abs(clip.frame_start - start) < 0.1, "its clip begins with the strip")
+    h.check(abs(clip.frame_end - clip.frame_start - SOUND_S * FPS) <= 1.5, "and is as long")
+    h.shot("2_felt.png")
+    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    yield from h.key("ctrl+z")
+    yield from h.until(lambda: "hum.wav" not in bpy.data.objects, "Ctrl+Z takes it back", 10)
 
 
 def sounds() -> list[Any]:
