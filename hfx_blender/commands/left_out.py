@@ -27,7 +27,7 @@ _IN_EXTENSION: Final = ("export", "doctor")
 
 
 def module(name: str) -> ModuleType | None:
-    """Import the module of a command; None for one that an installed extension lacks."""
+    """Import the module of a command; None for a command missing in an installed extension."""
     if name in _IN_EXTENSION:
         return importlib.import_module(f".{name}", __package__)
     return importlib.import_module(f"{PACKAGE}.commands.{name}") if _load_tools() else None
