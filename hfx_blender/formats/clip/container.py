@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import csv
 import struct
 import zlib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -34,57 +36,20 @@ Records = npt.NDArray[Any]
 Sections = Mapping[str, Records]
 
 
-def _record(*fields: str) -> np.dtype[Any]:
-    """Little-endian record type from ``name`` (u32), ``name:kind`` or ``name:kind*count``."""
-    kinds: list[Any] = []
-    for field in fields:
-        name, _, kind = field.partition(":")
-        kind, _, count = (kind or "u4").partition("*")
-        kinds.append((name, f"<{kind}", (int(count),)) if count else (name, f"<{kind}"))
-    return np.dtype(kinds)
+def _records() -> dict[str, np.dtype[Any]]:
+    """Little-endian record types of ``records.csv``; a field without a name is the whole record."""
+    fields: dict[str, list[Any]] = {}
+    with Path(__file__).with_name("records.csv").open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            shape = (int(row["count"]),) if row["count"] else ()
+            fields.setdefault(row["section"], []).append((row["field"], "<" + row["type"], shape))
+    return {
+        section: np.dtype(kinds if kinds[0][0] else kinds[0][1])
+        for section, kinds in fields.items()
+    }
 
 
-RECORDS: Final[dict[str, np.dtype[Any]]] = {
-    "TEXT": np.dtype("u1"),
-    "TIME": _record("rate_hz:f8", "start_s:f8", "rows", "title"),
-    "DEVC": _record(
-        *("id", "name", "body", "first_actuator", "actuators", "first_column", "columns"),
-        "dead_man_ms",
-    ),
-    "ACTR": _record(
-        *("id", "modality", "first_column", "columns", "first_row", "rows", "first_value"),
-        *("place", "side", "parts", "bone", "human", "centre_m:f4*3", "radius_m:f4"),
-        *("latency_ms:f4", "update_interval_ms:f4", "slew_per_s:f4", "maximum_on_s:f4"),
-        *("rest_s:f4", "reserved"),
-    ),
-    "COLM": _record(
-        *("parameter", "unit", "actuator", "neutral_number"),
-        *("lowest:f8", "highest:f8", "neutral:f8"),
-    ),
-    "ROWS": np.dtype("<u4"),
-    "VALU": np.dtype("<u2"),
-    "CLIP": _record("name", "loops", "start_s:f8", "end_s:f8"),
-    "BODY": _record("name", "first_bone", "bones", "first_model", "models", "reserved"),
-    "BONE": _record("name", "human", "mixamo", "unreal", "parent", "length_m:f4", "rest:f4*12"),
-    "MODL": _record("id", "modality", "level", "first_vertex", "vertices", "reserved"),
-    "VERT": _record("place:f4*3", "id", "first_weight", "weights"),
-    "WGHT": _record("bone:u2", "weight:u2"),
-    "EFCT": _record(
-        *("name", "kind", "modality", "body", "model", "shape", "half_segment:f4", "falloff"),
-        *("share:f4", "level:f4", "parameters:f4*4", "neutral_c:f4", "first_filter", "filters"),
-        *("first_painted", "painted", "matrix:f4*12", "reserved"),
-    ),
-    "FLTR": _record("kind", "operation", "about", "controls:f4*5"),
-    "PNTD": _record("vertex", "weight:f4"),
-    "REAC": _record(
-        *("actuator", "model", "modality", "statistic", "scale:f4", "frequency_hz:f4"),
-        *("first_reached", "reached"),
-    ),
-    "RCHV": _record("vertex", "factor:f4"),
-    "SURF": _record("name", "map", "m_s2:f4*2", "hz:f4*2", "uv_mm:f4*2"),
-    "HMAP": _record("columns", "rows", "mm:f4*2", "tiles", "first_texel", "texels", "reserved"),
-    "TEXL": np.dtype("<u4"),
-}
+RECORDS: Final = _records()
 """Record type of each section, in the order of the file."""
 
 
