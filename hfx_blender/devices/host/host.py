@@ -317,7 +317,7 @@ class Host:
         for thread in threads:
             # A stalled driver holds its thread for ever, so this thread has to look.
             if thread.is_stuck(now):
-                thread.fault("its output does not answer")
+                thread.fault("the port stalls or the computer is busy: no value taken in 100 ms")
 
     def _stop_after_standstill(self, now: float) -> None:
         """Stop all devices if this process did not run for more than :data:`FREEZE_S`. Called by

@@ -593,6 +593,14 @@ def test_messages_that_are_none_stop_every_lane(
     assert host.end_reason.startswith(reported)
 
 
+def test_a_send_that_takes_long_names_both_causes(monkeypatch: pytest.MonkeyPatch) -> None:
+    host, thread = host_of(monkeypatch)
+    monkeypatch.setattr(thread, "is_stuck", lambda now_s: True)
+    host.check_deadlines()
+    (fault,) = thread.told
+    assert "port stalls" in fault and "computer is busy" in fault
+
+
 def test_only_a_pause_buys_time_and_only_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
     host, _ = host_of(monkeypatch)
     seen: list[float] = []
