@@ -22,7 +22,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -182,18 +182,19 @@ def main() -> int:
     board = DistantBoard()
     board.start()
     kinds = options.only or KINDS
-    for number in range(options.trials):
-        kind = kinds[number % len(kinds)]
-        # A killed command leaves its output process behind, which still writes files for a moment.
-        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-            taken_s, fault = trial(kind, options.clip, Path(folder), board)
-        if taken_s is None:
-            faults += 1
-            print(f"trial {number}, {kind}: {fault}", flush=True)  # noqa: T201
-        else:
-            seconds.setdefault(kind, []).append(taken_s)
-            if taken_s > 0.05 and not kind.endswith("lost"):
-                print(f"trial {number}, {kind}: {1000.0 * taken_s:.1f} ms", flush=True)  # noqa: T201
+    with suppress(KeyboardInterrupt):  # Ctrl-C shows the trials so far
+        for number in range(options.trials):
+            kind = kinds[number % len(kinds)]
+            # A killed command leaves its output process behind, which writes files for a moment.
+            with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+                taken_s, fault = trial(kind, options.clip, Path(folder), board)
+            if taken_s is None:
+                faults += 1
+                print(f"trial {number}, {kind}: {fault}", flush=True)  # noqa: T201
+            else:
+                seconds.setdefault(kind, []).append(taken_s)
+                if taken_s > 0.05 and not kind.endswith("lost"):
+                    print(f"trial {number}, {kind}: {1000.0 * taken_s:.1f} ms", flush=True)  # noqa: T201
     for kind in kinds:
         if kind in seconds:
             shown(f"{kind} to silence", seconds[kind])
