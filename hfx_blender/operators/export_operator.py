@@ -190,7 +190,11 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             column.prop(self, _box_of("record", name))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from ..reading.description import scene_description
+
         self._is_invoked = True
+        # A scene that cannot be exported is refused before the questions of the dialog.
+        scene_description.find(context.scene, context.view_layer)
         # Without devices, the dialog begins without formats of devices: with purpose "Other".
         has_devices = any(device.is_exported for device in context.scene.hfx.devices)
         if not has_devices and not self.properties.is_property_set("formats"):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -99,40 +100,26 @@ class HFX_OT_live_add(MenuOperator):
         return f"{title_of(self.name)} added"
 
 
-# A function of the module: Blender evaluates annotations without this module's names in lambdas.
-def _ports(_self: object, _context: object, _text: str) -> Choices:
-    from ...devices.live.connection_search import search
+def _choices(field: str) -> Callable[[object, object, str], Choices]:
+    """``search`` function of a port or unit: ``field`` of the connections found for the output."""
 
-    return () if search.newest is None else search.newest.ports
+    def present(item: object, _context: object, _text: str) -> Choices:
+        from ...devices.live.connection_search import search
 
+        outputs = () if search.newest is None else (search.newest, *search.newest.more)
+        number = getattr(item, "index", -1) + 1  # the operator itself has the first output
+        return getattr(outputs[number], field) if number < len(outputs) else ()
 
-def _units(_self: object, _context: object, _text: str) -> Choices:
-    from ...devices.live.connection_search import search
-
-    return () if search.newest is None else search.newest.units
-
-
-def _ports_of(item: HfxOutputPort, _context: object, _text: str) -> Choices:
-    from ...devices.live.connection_search import search
-
-    more = () if search.newest is None else search.newest.more
-    return more[item.index].ports if item.index < len(more) else ()
-
-
-def _units_of(item: HfxOutputPort, _context: object, _text: str) -> Choices:
-    from ...devices.live.connection_search import search
-
-    more = () if search.newest is None else search.newest.more
-    return more[item.index].units if item.index < len(more) else ()
+    return present
 
 
 class HfxOutputPort(bpy.types.PropertyGroup):
     """Connection of an output after the first."""
 
     index: IntProperty()  # from 0 for the second output
-    port: StringProperty(name="Port", search=_ports_of, search_options={"SUGGESTION"})
+    port: StringProperty(name="Port", search=_choices("ports"), search_options={"SUGGESTION"})
     host: StringProperty(name="Host")
-    unit: StringProperty(name="Which One", search=_units_of, search_options={"SUGGESTION"})
+    unit: StringProperty(name="Which One", search=_choices("units"), search_options={"SUGGESTION"})
 
 
 class HFX_OT_live_connect(OfDevice):
@@ -151,7 +138,7 @@ class HFX_OT_live_connect(OfDevice):
         name="Port",
         description="Serial port, network port, or part of a sound card's name; "
         "empty: found or as configured",
-        search=_ports,
+        search=_choices("ports"),
         search_options={"SUGGESTION"},
     )
     host: StringProperty(
@@ -161,7 +148,7 @@ class HFX_OT_live_connect(OfDevice):
         name="Which One",
         description="Which of several devices of one server: its name there, or # and its number; "
         "empty: the first that no other device has",
-        search=_units,
+        search=_choices("units"),
         search_options={"SUGGESTION"},
     )
     more: CollectionProperty(type=HfxOutputPort, options={"HIDDEN", "SKIP_SAVE"})

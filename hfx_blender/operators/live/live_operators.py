@@ -118,7 +118,8 @@ class HFX_OT_live_approve(OfDevice):
     script: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        self._show()
+        script = self._found()
+        self.fingerprint, self.script = script.fingerprint, str(script.path)
         return context.window_manager.invoke_props_dialog(self, width=520)
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -126,10 +127,6 @@ class HFX_OT_live_approve(OfDevice):
         column.label(text=self.script, icon="FILE_SCRIPT")
         column.label(text="The script runs with your rights: files, network, everything.")
         column.label(text="Read the script first. Every change needs a new approval.")
-
-    def _show(self) -> None:
-        script = self._found()
-        self.fingerprint, self.script = script.fingerprint, str(script.path)
 
     def _found(self) -> DeviceScript:
         """Script of the device with its present fingerprint; InputError without a script."""

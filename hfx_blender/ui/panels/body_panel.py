@@ -163,6 +163,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
             for effect in effects.effects_of(context.scene)
             if effect.hfx.kind in effects.ON_A_BODY
             and effects.body_in(context.scene, effect) != body
+            and not effects.is_locked(effect)
         ]
         if elsewhere:
             is_single = len(elsewhere) == 1

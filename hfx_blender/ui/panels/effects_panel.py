@@ -145,8 +145,10 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
         if strips:
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
         # A check of the scene rebuilds the rows after this drawing: their number may differ here.
-        rows = zip(strips, context.window_manager.hfx_clips, strict=False)
-        for number, ((_, strip), times) in enumerate(rows):
+        rows = enumerate(zip(strips, context.window_manager.hfx_clips, strict=False))
+        order = {k: (not strip.select, strip.frame_start) for k, (_, strip) in enumerate(strips)}
+        # Selected clips first: these are the clips just added, or chosen in the NLA Editor.
+        for number, ((_, strip), times) in sorted(rows, key=lambda row: order[row[0]]):
             box = layout.box()
             box.enabled = not effects.is_locked(effect)
             _draw_clip(box, strip, times, clip_waveforms.icon(context, effect, strip, number))
@@ -167,6 +169,7 @@ def _draw_clip(
     waveform: int,
 ) -> None:
     row = box.row(align=True)
+    row.prop(strip, "select", text="", icon="LAYER_ACTIVE" if strip.select else "LAYER_USED")
     row.prop(strip, "name", text="")
     row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
     row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name

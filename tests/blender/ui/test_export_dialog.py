@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import hfx_scenes
@@ -159,3 +160,24 @@ def test_the_schemes_of_a_scene_are_those_of_devices() -> None:
     from hfx_blender.properties.scenes import SCHEMES
 
     assert [name for name, *_ in SCHEMES[1:]] == list(get_args(SchemeName))
+
+
+def test_a_scene_that_cannot_be_exported_is_refused_before_the_dialog(
+    small: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from bpy_extras.io_utils import ExportHelper
+
+    from hfx_blender.operators.export_operator import HFX_OT_export
+
+    monkeypatch.setattr(ExportHelper, "invoke", lambda *_: {"RUNNING_MODAL"})
+    reports: list[str] = []
+    # Background mode has no dialogs: the operator's method is called by itself.
+    operator = SimpleNamespace(
+        properties=SimpleNamespace(is_property_set=lambda _name: True),
+        report=lambda _kinds, text: reports.append(text),
+    )
+    assert HFX_OT_export.invoke(operator, bpy.context, None) == {"RUNNING_MODAL"}
+    for body in [obj for obj in bpy.data.objects if obj.hfx.role == "BODY"]:
+        bpy.data.objects.remove(body)
+    assert HFX_OT_export.invoke(operator, bpy.context, None) == {"CANCELLED"}
+    assert "has no haptic body" in reports[0]

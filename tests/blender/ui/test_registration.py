@@ -397,6 +397,20 @@ def test_address_and_code_of_a_page_are_above_every_notice(
     assert shown.count("042137") == 1
 
 
+def test_the_panel_shows_selected_clips_first(scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name="Gust")
+    for frame in (50.0, 1.0, 100.0):
+        bpy.ops.hfx.add_clip(start=frame)
+    list_rows.refresh()
+    layout = Layout()
+    drawn_clips = []
+    monkeypatch.setattr(
+        layout, "prop", lambda owner, name, **_: drawn_clips.append(owner) if name == "name" else 0
+    )
+    effects_panel.HFX_PT_clips.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert [strip.frame_start for strip in drawn_clips] == [100.0, 1.0, 50.0], "the clip just added"
+
+
 def test_switches_of_a_linked_effect_are_those_of_the_object(
     scene: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,9 @@ def steps(h: Any) -> Iterator[float]:
         bpy.ops.hfx.save_effects(filepath=str(effect))
     ahap = folder(h, "ahap") / "buzz.ahap"
     ahap.write_text(json.dumps(PATTERN))
+    haptic = folder(h, "haptic") / "buzz.haptic"
+    haptic.write_text(json.dumps(CLIP))
+    path, hjif = saved_path(h), exported(h)
     yield from h.press_button("HFX_OT_remove_effects")
     yield 1.0
     h.check(not found(), "the scene has no effect")
@@ -34,15 +38,68 @@ def steps(h: Any) -> Iterator[float]:
     yield 1.0
     area.spaces.active.show_region_toolbar = False
     yield 1.0
-    for path, kinds in ((effect, ["wind"]), (ahap, ["vibration", "wind"])):
-        yield from hands.go_to(h, 25)
-        yield from drag_in(h, area, path)
-        h.shot(f"{path.suffix[1:]}.png")
-        h.check(found() == kinds, f"{path.name} is dropped into the viewport: {found()}")
+    for file, kinds in ((effect, ["wind"]), (ahap, ["vibration", "wind"])):
+        yield from drop(h, area, file, kinds)
     h.check(hands.effect("wind").hfx.wind_speed == 7.0, "with its parameters")
     (clip,) = hands.clips_of(hands.effect("vibration"))
     h.check(abs(clip.frame_start - 25) <= 1, "and a clip from the current frame on")
     h.check(abs(clip.frame_end - clip.frame_start - 48) < 1, "of two seconds")
+    yield from drop(h, area, haptic, ["vibration", "vibration", "wind"])
+    yield from drop(h, area, hjif, ["pressure", "vibration", "vibration", "wind"])
+    bpy.context.view_layer.objects.active = None
+    yield from drop(h, area, path, ["pressure", *["vibration"] * 3, "wind"])
+    points = hands.module("authoring.paths.paths").path_of(bpy.context.object)
+    h.check(len(points) > 2, "the path is that of a new point")
+
+
+def drop(h: Any, area: bpy.types.Area, file: Path, kinds: list[str]) -> Iterator[float]:
+    """Drop a file at frame 25, and compare the modalities of all effects with ``kinds``."""
+    yield from hands.go_to(h, 25)
+    yield from drag_in(h, area, file)
+    h.shot(f"{file.suffix[1:]}.png")
+    h.check(found() == kinds, f"{file.name} is dropped into the viewport: {found()}")
+
+
+def saved_path(h: Any) -> Path:
+    """File with a path of the library, of a point that is then deleted."""
+    file = folder(h, "hfxpath") / "circle.hfxpath"
+    with h.context():
+        bpy.ops.hfx.add_spot()
+        bpy.ops.hfx.path_from_library(name="circle_chest")
+        bpy.ops.hfx.save_path(filepath=str(file))
+        bpy.ops.hfx.remove_effects()
+    return file
+
+
+def exported(h: Any) -> Path:
+    """HJIF of a painted chest, whose effect is then deleted."""
+    scene, last, wind = bpy.context.scene, bpy.context.scene.frame_end, hands.effect("wind")
+    scene.frame_end, wind.hfx.is_muted = 12, True
+    source = folder(h, "exported") / "chest.hjif"
+    file = folder(h, "hjif") / "chest.hjif"
+    with h.context():
+        bpy.ops.hfx.add_on_part(modality="pressure", part="chest")
+        bpy.ops.hfx.export(filepath=str(source), formats={"hjif"})
+        shutil.copy(source, file)
+        bpy.ops.hfx.remove_effects()
+        scene.frame_end, wind.hfx.is_muted = last, False
+        bpy.context.view_layer.objects.active = wind
+        wind.select_set(True)
+    return file
+
+
+CLIP = {
+    "version": {"major": 1, "minor": 0, "patch": 0},
+    "metadata": {},
+    "signals": {
+        "continuous": {
+            "envelopes": {
+                name: [{"time": time, name: 0.5} for time in (0.0, 2.0)]
+                for name in ("amplitude", "frequency")
+            }
+        }
+    },
+}
 
 
 PATTERN = {
