@@ -108,6 +108,13 @@ PLAN: Final = tagged(
 )
 DESIGNS: Final = tuple(PLAN.kinds)
 
+_TAKEN: Final = frozenset(
+    "trial kind target staircase start stimulus stimulus_first stimulus_second onset onset_second "
+    "duration trial_type response correct item score changes response_time latency_ms "
+    "session".split()
+)
+"""Names of other columns in lists of trials and in answers."""
+
 _QUESTIONS: Final = {
     "paired": "Which of the two do you prefer?",
     "2afc": "Which of the two was stronger?",
@@ -267,13 +274,15 @@ def _values(node: Node) -> tuple[Value, ...]:
 
 def _refuse_repeated_factors(node: Node, members: Mapping[str, Any]) -> None:
     """Raise InputError for a factor in two places, or with the name of a column of trials."""
-    seen = {"trial", "kind", "target", "staircase", "start", "stimulus"}
+    seen = set(_TAKEN)
+    for name in members.get("compare", ()):
+        seen |= {f"{name}_first", f"{name}_second"}
     tables = [(key, members.get(key, {})) for key in ("factors", "random", "compare")]
     if members.get("level_factor"):
         tables.append(("adjust" if "adjust" in node else "levels", {members["level_factor"]: ()}))
     for key, table in tables:
         for name in table:
-            if name in seen:
+            if name in seen or name.startswith("rating_"):
                 node[key].fail(f"a table without '{name}', which is the name of another column")
             seen.add(name)
 

@@ -182,6 +182,12 @@ BAD = [
     ({"factors": {"effect": ["a\tb"]}}, "factors.effect[0] is "),
     ({"factors": {"Effect": ["a"]}}, "allowed is lower-case letters"),
     ({"factors": {"trial": [1]}}, "allowed is a table without 'trial'"),
+    ({"factors": {"duration": [1]}}, "allowed is a table without 'duration'"),
+    ({"factors": {"rating_a": [1]}}, "allowed is a table without 'rating_a'"),
+    (
+        {"design": "paired", "compare": {"x": [1, 2]}, "factors": {"x_first": [1]}},
+        "allowed is a table without 'x_first'",
+    ),
     ({"factors": {"a": [1]}, "random": {"a": [1]}}, "allowed is a table without 'a'"),
     ({"blocks_by": "device"}, 'blocks_by is "device", allowed is a factor of the plan: none'),
     ({"repetitions": 1000, "factors": {"a": list(range(11))}}, "at most 10000 trials for each"),
