@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -48,38 +48,31 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
     return strip
 
 
-def sound_of(strip: bpy.types.SoundStrip) -> tuple[npt.NDArray[np.float32], int]:
-    """Samples (n, channels) of the visible part of a sound strip of the current scene, at its
-    original speed, and samples a second. Raises InputError: the sound cannot be read;
+def sound_of(source: bpy.types.SoundStrip | Path) -> tuple[npt.NDArray[np.float32], int]:
+    """Samples (n, channels) of a file or of the visible part of a sound strip of the current scene,
+    at its original speed, and samples a second. Raises InputError: the sound cannot be read;
     TooLargeError: it exceeds the memory limit."""
-    # Only the evaluated copy of a sound is loaded.
-    sound = strip.sound.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    samples, rate = _samples(sound.factory, f"Sound '{strip.name}'")
-    fps = fps_of(strip.id_data)
-    skipped_s = (strip.frame_final_start - strip.frame_start) / fps + strip.sound_offset
-    first = max(round(skipped_s * rate), 0)
-    return samples[first : first + round(strip.frame_final_duration / fps * rate)], rate
+    import aud  # missing in a Blender without sound
 
-
-def sound_of_file(path: Path) -> tuple[npt.NDArray[np.float32], int]:
-    """Samples (n, channels) of a sound file, and samples a second; errors as of
-    :func:`sound_of`."""
-    import aud
-
-    refuse_no_file(path)
-    return _samples(aud.Sound(str(path)), str(path))
-
-
-def _samples(sound: Any, name: str) -> tuple[npt.NDArray[np.float32], int]:
-    """All samples (n, channels) of an ``aud.Sound`` or None, and samples a second."""
-    import aud  # missing in a Blender without sound, which has no strips of sound either
-
+    is_file = isinstance(source, Path)
+    name = str(source) if is_file else f"Sound '{source.name}'"
+    if is_file:
+        refuse_no_file(source)
+        sound = aud.Sound(name)
+    else:  # only the evaluated copy of a sound is loaded
+        sound = source.sound.evaluated_get(bpy.context.evaluated_depsgraph_get()).factory
     try:
         (rate, channels), count = sound.specs, sound.length
         limits.MEMORY.check(4.0 * count * channels, name, "its samples would take")
-        return sound.data(), round(rate)
+        samples = sound.data()
     except (AttributeError, aud.error) as error:
         raise InputError(f"{name}: cannot be read as a sound.") from error
+    if is_file:
+        return samples, round(rate)
+    fps = fps_of(source.id_data)
+    skipped_s = (source.frame_final_start - source.frame_start) / fps + source.sound_offset
+    first = max(round(skipped_s * rate), 0)
+    return samples[first : first + round(source.frame_final_duration / fps * rate)], round(rate)
 
 
 def add_screen(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Object:

@@ -188,7 +188,7 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
             name = strip.name
             start = strip.frame_final_start * animation_fps(scene) / fps_of(scene)
         else:
-            samples, rate = media.sound_of_file(Path(self.filepath))
+            samples, rate = media.sound_of(Path(self.filepath))
         try:
             settings = SoundSettings(
                 self.strength,

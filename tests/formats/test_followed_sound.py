@@ -64,10 +64,6 @@ def with_onsets(rate: int) -> dict[str, tuple[F64, F64]]:
             first = int(start * rate)
             sound[first : first + len(click)] += click * random.standard_normal(len(click))
         sounds[f"clicks {level_db}"] = sound, starts
-    starts = np.cumsum(random.uniform(0.2, 0.45, 6))
-    sound = 0.017 * random.standard_normal(len(t))
-    sound[(starts * rate).astype(int)] += 1.0
-    sounds["impulses"] = sound, starts
     for hertz, decay_s in ((60.0, 0.1), (160.0, 0.15), (440.0, 0.08), (2500.0, 0.06)):
         starts = np.arange(0.2, 2.8, 0.45)
         after = np.maximum(t[:, None] - starts, 0.0)
@@ -124,6 +120,16 @@ def test_onsets_are_within_ten_milliseconds_and_no_others(rate: int) -> None:
 def test_steady_sounds_have_no_transients(rate: int) -> None:
     false = [name for name, sound in steady(rate).items() if follow(sound, rate).transients]
     assert not false
+
+
+def test_impulses_of_one_sample_in_noise() -> None:
+    """An impulse is spread over all bands, so it rises by little in each of them."""
+    t, random = times(44_100), np.random.default_rng(64)
+    starts = np.cumsum(random.uniform(0.2, 0.45, 6))
+    sound = 0.02 * random.standard_normal(len(t))
+    sound[(starts * 44_100).astype(int)] += 1.0
+    found = np.array([tick.time_s for tick in follow(sound, 44_100).transients])
+    assert len(found) == 6 and np.abs(found - starts).max() <= 0.01
 
 
 def test_a_file_that_begins_with_a_beat_begins_with_a_transient() -> None:

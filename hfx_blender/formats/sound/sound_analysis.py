@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from ...engine.arrays import F64
+from ...engine.arrays import F64, I64
 from ...errors import InputError
 from ...files import limits
 from ..signals.curves import Curve
@@ -86,28 +86,28 @@ def followed(
     low, high = settings.band_hz[0], min(settings.band_hz[1], rate_hz / 2.0)
     if low >= high:
         raise InputError(f"{name}: has {rate_hz} samples a second, so it ends below {low:g} Hz.")
-    samples = _Samples(blocks, name)
+    counts = np.zeros(2, np.int64)
     core = slice(_MARGIN_S * FRAME_HZ, (_MARGIN_S + _CORE_S) * FRAME_HZ)
     window = hann(2 * round(settings.smoothing_s * FRAME_HZ / 2.0) + 3)[1:-1]
     levels, pitches = [np.zeros(0)], [np.zeros(0)]
     centres, _ = _centres((low, high))
     ticks: list[tuple[int, float]] = []
-    for number, part in enumerate(samples.parts(rate_hz)):
+    for number, part in enumerate(_parts(blocks, rate_hz, name, counts)):
         powers, moments = _bands(part, rate_hz, (low, high))
         power, moment = (convolve1d(p.sum(1), window / window.sum()) for p in (powers, moments))
         levels.append(np.sqrt(power[core]))
         pitches.append((moment[core] / power[core].clip(1e-20)).clip(low, high))
         first = number * _CORE_S * FRAME_HZ - core.start  # in the sound, of the part
-        ends = ceil(samples.count / rate_hz * FRAME_HZ)
+        ends = ceil(counts[0] / rate_hz * FRAME_HZ)
         span = max(-first, 0), min(ends - first, len(powers))
         ticks += [
             (first + frame, peak)
             for frame, peak in _onsets(powers, centres, *span)
             if core.start <= frame < core.stop
         ]
-    if not samples.count:
+    if not counts[0]:
         raise InputError(f"{name}: holds no sound.")
-    duration_s = samples.count / rate_hz
+    duration_s = float(counts[0] / rate_hz)
     # Frame k is the mean from k / FRAME_HZ on; the envelope ends with the sound.
     times = np.arange(ceil(duration_s * FRAME_HZ)) / FRAME_HZ + 0.5 / FRAME_HZ
     level, pitch = np.concatenate(levels)[: len(times)], np.concatenate(pitches)[: len(times)]
@@ -127,57 +127,37 @@ def followed(
         for frame, peak in ticks
         if frame < len(times) and peak > gate
     )
+    notes = (f"{counts[1]} samples are no finite numbers, and count as silence",)
     return Signal(
         name,
         Curve(np.r_[0.0, times[keys], ends], np.r_[amplitude[0], amplitude[keys], 0.0]),
         Curve(np.r_[0.0, times[keys]], np.r_[hertz[0], hertz[keys]]),
         transients,
-        notes=samples.notes(),
+        notes=notes if counts[1] else (),
     )
 
 
-class _Samples:
-    """Counted samples of a sound, in overlapping parts."""
-
-    def __init__(self, blocks: Iterable[npt.NDArray[np.float32]], name: str) -> None:
-        self._blocks, self._name = iter(blocks), name
-        self.count = self._faulty_count = 0
-
-    def parts(self, rate_hz: int) -> Iterator[npt.NDArray[np.float32]]:
-        """Yield parts (n, channels) of core and margins, silence before the begin and after the
-        end."""
-        margin, length = _MARGIN_S * rate_hz, (_CORE_S + 2 * _MARGIN_S) * rate_hz
-        rest: list[npt.NDArray[np.float32]] = []
-        begun = 0
-        has_more = True
-        while has_more:
-            while sum(map(len, rest)) < length and has_more:
-                block = next(self._blocks, None)
-                has_more = block is not None
-                if block is not None and len(block):
-                    is_finite = np.isfinite(block)
-                    self._faulty_count += int(block.size - is_finite.sum())
-                    self.count += len(block)
-                    if not rest:
-                        needed = 8.0 * length * block.shape[1]
-                        limits.MEMORY.check(needed, self._name, "half a minute of it would take")
-                        rest = [np.zeros((margin, block.shape[1]), np.float32)]
-                    rest.append(np.where(is_finite, block, np.float32(0.0)))
-            if not rest:
-                return
-            joined = np.concatenate(rest)
-            while len(joined) >= length or (not has_more and begun < self.count):
-                part = joined[:length]
-                yield np.pad(part, ((0, length - len(part)), (0, 0)))
-                begun += _CORE_S * rate_hz
-                joined = joined[_CORE_S * rate_hz :]
-            rest = [joined]
-
-    def notes(self) -> tuple[str, ...]:
-        """Sentence about samples that are not finite; empty without any."""
-        if not self._faulty_count:
-            return ()
-        return (f"{self._faulty_count} samples are no finite numbers, and count as silence",)
+def _parts(
+    blocks: Iterable[npt.NDArray[np.float32]], rate_hz: int, name: str, counts: I64
+) -> Iterator[npt.NDArray[np.float32]]:
+    """Yield parts (n, channels) of core and margins, silent before the begin and after the end of
+    the sound. Adds to ``counts``, in place, the samples read and values that are not finite."""
+    core, length = _CORE_S * rate_hz, (_CORE_S + 2 * _MARGIN_S) * rate_hz
+    begun, joined = 0, np.zeros((0, 0), np.float32)
+    for block in blocks:
+        if not joined.size:
+            needed = 8.0 * length * block.shape[1]
+            limits.MEMORY.check(needed, name, "half a minute of it would take")
+            joined = np.zeros((_MARGIN_S * rate_hz, block.shape[1]), np.float32)
+        is_finite = np.isfinite(block)
+        counts += len(block), np.count_nonzero(~is_finite)
+        joined = np.concatenate([joined, np.where(is_finite, block, np.float32(0.0))])
+        while len(joined) >= length:
+            yield joined[:length]
+            begun, joined = begun + core, joined[core:]
+    while begun < counts[0]:
+        yield np.pad(joined[:length], ((0, max(length - len(joined), 0)), (0, 0)))
+        begun, joined = begun + core, joined[core:]
 
 
 def _bands(
