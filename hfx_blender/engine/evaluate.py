@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
-from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -34,6 +33,8 @@ from .tolerance import STANDARD, Tolerance
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+_MOST_BEGUN: Final = 16
+"""Largest number of effects in work: each holds weights of the skin within reach, at all rows."""
 
 _SLOW: Final = (
     "without the compiled part of HFX, what volumes touch was computed by its definition, "
@@ -100,23 +101,29 @@ class Engine:
     ) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
         """Yield (block, sample runs) for each block, in order.
 
-        With threads, the next block is begun before the samples of a block are yielded. The
-        counters include only yielded blocks.
+        With threads, the next block is begun before the samples of a block are yielded; a block
+        with many active effects is evaluated alone. The counters include only yielded blocks.
         """
         begun: deque[tuple[AnimationBlock, Callable[[], list[SampleRun]], Counters]] = deque()
-        for block in chain(blocks, (None,)):
-            if block is not None:
-                # Counts of a begun block are held back until its samples are yielded.
-                before = self.counters.copy()
-                finish = self.begin(block)
-                begun.append((block, finish, self.counters.since(before)))
-                self.counters.go_back(before)
-            # Keep one block in the threads' work, until no further block comes.
-            waiting = 0 if self._threads is None or block is None else 1
-            while len(begun) > waiting:
-                block_begun, finish, counted = begun.popleft()
+
+        def finished(most: int) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
+            """Yield blocks with their samples until at most ``most`` are in work."""
+            while len(begun) > most:
+                block, finish, counted = begun.popleft()
                 self.counters.add(counted)
-                yield block_begun, finish()
+                yield block, finish()
+
+        for block in blocks:
+            active = sum(bool((effect.levels > 0.0).any()) for effect in block.effects)
+            waiting = int(self._threads is not None and active <= _MOST_BEGUN)
+            yield from finished(waiting)
+            # Counts of a begun block are held back until its samples are yielded.
+            before = self.counters.copy()
+            finish = self.begin(block)
+            begun.append((block, finish, self.counters.since(before)))
+            self.counters.go_back(before)
+            yield from finished(waiting)
+        yield from finished(0)
 
     def begin(self, block: AnimationBlock) -> Callable[[], list[SampleRun]]:
         """Begin to :meth:`evaluate` a block; returns a function to finish it, to be called once.
@@ -134,15 +141,18 @@ class Engine:
         for body, pose in zip(self.scene.bodies, block.poses, strict=True):
             warn_of_point(is_active, pose, body, self.counters)
         reach = BlockBroadPhase(block, self.scene.bodies, self._skins)
-        # All effects are begun before any is finished, so that the threads have work.
-        begun = [
-            self._begin(ActiveEffect(effect, animated, rows, block), reach)
-            for (effect, animated), rows in zip(effects, rows_of, strict=True)
-            if len(rows)
-        ]
+        # Several effects are begun before the first is finished, so that the threads have work.
+        begun: deque[Callable[[], list[SampleRun | None]]] = deque()
+        results: list[SampleRun | None] = []
+        for (effect, animated), rows in zip(effects, rows_of, strict=True):
+            if len(rows):
+                begun.append(self._begin(ActiveEffect(effect, animated, rows, block), reach))
+            if len(begun) > _MOST_BEGUN:
+                results += begun.popleft()()
 
         def finish() -> list[SampleRun]:
-            runs = [run for finish_effect in begun for run in finish_effect() if run is not None]
+            unfinished = (run for finish_effect in begun for run in finish_effect())
+            runs = [run for run in (*results, *unfinished) if run is not None]
             self.counters.contacts += sum(run.contact_count for run in runs)
             return runs
 

@@ -280,6 +280,17 @@ class PoseBlock:
     bones_at: Motion | None = None  # (n,) -> (n, B, 3, 4); None: known at samples only
     keys: F64 | None = None  # (k,) ascending sample indices at which its motion may turn
 
+    @cached_property
+    def is_repeated(self) -> Bool:
+        """Mask (T,) of times with the pose of the time before."""
+        is_same = np.zeros(len(self.valid), np.bool_)
+        for values in (self.to_world, self.bones, self.surface):
+            if values is not None:
+                flat = values.reshape(len(values), -1)
+                changes = (flat[1:] != flat[:-1]).any(axis=1)
+                is_same[1:] = ~changes if values is self.to_world else is_same[1:] & ~changes
+        return is_same
+
 
 @dataclass(frozen=True, eq=False)
 class AnimationBlock:

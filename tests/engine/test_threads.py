@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from both_ways import by_reference, needs_library
 
+from hfx_blender.engine import evaluate
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.engine.contact import narrow_phase
+from hfx_blender.engine.contact import contacts, narrow_phase
 from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.response_filters.controls import CONTROLS, WIDTH, Filter, FilterKind
 from hfx_blender.engine.scene import (
@@ -169,6 +170,31 @@ def test_with_threads_blocks_start_before_the_last_is_passed_on() -> None:
     assert engine.counters.times_evaluated == SIZE
     actual.close()
     assert engine.counters.times_evaluated == SIZE
+
+
+@needs_library
+def test_only_some_effects_of_a_crowd_are_in_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each effect in work holds dense weights; two thousand took 3 GB."""
+    ringing = Filter(FilterKind.IMPACT), Filter(FilterKind.PROXIMITY)
+    expected, answered = _found(2), _found(2, *ringing, tolerance=STANDARD)
+    monkeypatch.setattr(evaluate, "_MOST_BEGUN", 1, raising=False)
+    assert _found(2, *ringing, tolerance=STANDARD) == answered
+    begun, real, most = [0], contacts.begin, [0]
+
+    def counted(query: Any) -> Any:
+        finish = real(query)
+        begun[0] += 1
+        most[0] = max(most[0], begun[0])
+
+        def finished() -> Any:
+            begun[0] -= 1
+            return finish()
+
+        return finished
+
+    monkeypatch.setattr(contacts, "begin", counted)
+    assert _found(2) == expected
+    assert most == [2] and begun == [0]
 
 
 @pytest.mark.parametrize("threads", [1, 2])
