@@ -211,13 +211,6 @@ class HfxEffectRow(bpy.types.PropertyGroup):
     )
 
 
-def _shows_body(context: bpy.types.Context, row: HfxEffectRow) -> bool:
-    """Test for the row of an effect on a body, in a scene with several bodies."""
-    if not row.effect or len(effects.bodies_of(context.scene)) < 2:
-        return False
-    return any(effect.hfx.kind in effects.ON_A_BODY for effect in _effects_of_row(row))
-
-
 class HFX_UL_effects(bpy.types.UIList):
     """Effects and groups of effects"""
 
@@ -236,7 +229,8 @@ class HFX_UL_effects(bpy.types.UIList):
             layout.label(text=row.name, translate=False)
             return
         line = layout.row(align=True)
-        shows_body = _shows_body(context, row)
+        has_several = bool(row.effect) and len(effects.bodies_of(context.scene)) > 1
+        shows_body = has_several and row_effects[0].hfx.kind in effects.ON_A_BODY
         names = line.split(factor=0.7, align=True) if shows_body else line
         title = names.row(align=True)
         strips = clips.strips_of(row_effects[0]) if row.effect else []
