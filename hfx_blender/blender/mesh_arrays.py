@@ -24,11 +24,11 @@ def values(
 
 
 def positions(mesh: bpy.types.Mesh) -> npt.NDArray[np.float32]:
-    """Vertices (V, 3) of a mesh, local space; faster than ``MeshVertex.co`` once evaluated."""
-    # An empty mesh has no attribute "position".
-    if not len(mesh.vertices):
-        return np.zeros((0, 3), np.float32)
-    return values(mesh.attributes["position"].data, "vector", 3)
+    """Vertices (V, 3) of a mesh, local space; in Edit Mode as before it began."""
+    # Faster than ``MeshVertex.co`` once evaluated; an empty or edited mesh lacks the attribute.
+    if (attribute := mesh.attributes.get("position")) is None:
+        return values(mesh.vertices, "co", 3)
+    return values(attribute.data, "vector", 3)
 
 
 def points(mesh: bpy.types.Mesh) -> npt.NDArray[np.float64]:
