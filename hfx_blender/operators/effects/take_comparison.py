@@ -101,11 +101,15 @@ class HFX_OT_compare_takes(HfxOperator):
             self._show_hint(context)
         return {"RUNNING_MODAL"}
 
-    def _show_hint(self, context: bpy.types.Context) -> None:
-        context.workspace.status_text_set(translated(_HINT.format(self._takes.letter)))
+    def _show_hint(self, context: bpy.types.Context, is_over: bool = False) -> None:
+        text = None if is_over else translated(_HINT.format(self._takes.letter))
+        for area in context.window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.spaces.active.show_region_header = True  # hidden with the panels
+                area.header_text_set(text)
 
     def _end(self, context: bpy.types.Context) -> set[str]:
-        context.workspace.status_text_set(None)
+        self._show_hint(context, is_over=True)
         for name, value in self._shown.items():
             setattr(context.window_manager, name, value)
         if self._is_started:
