@@ -21,8 +21,6 @@ from ..workers.live_frame import LiveFrame, encode_live_frame
 
 _MAX_EVENTS: Final = 1000
 _END_S: Final = 1.0
-_HAND_OVERS: Final = 20
-_HAND_OVER_S: Final = 0.0005
 _Taken = TypeVar("_Taken")
 
 STOP_PATIENCE_S: Final = 0.2
@@ -77,6 +75,9 @@ class HostPipe:
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
         self._is_ready = False
         self._asked_silence_s: float | None = None  # time of the oldest unconfirmed stop
+        self._watched_s = self._halted_s = (
+            0.0  # last watch(); time without this process since a stop
+        )
         self.places: Mapping[Stream, int] = {}
 
     @property
@@ -140,10 +141,10 @@ class HostPipe:
             return
         self.void()
         stop = message(MessageKind.STOP, EVERY_DEVICE, reason.encode())
-        # Before the message: its confirmation may arrive before this thread goes on, and a time
-        # stored afterwards would never be cleared.
+        # Before the message, whose confirmation may arrive before this thread goes on.
         if self._asked_silence_s is None:
-            self._asked_silence_s = time.monotonic()
+            self._asked_silence_s = self._watched_s = time.monotonic()
+            self._halted_s = 0.0
         if self.urgent:
             self.urgent.append(stop)  # an unsent message may arm a device: a second stop follows
         self.urgent.appendleft(stop)
@@ -152,17 +153,20 @@ class HostPipe:
     def hand_over(self) -> None:
         """Wait until the writing thread has taken all messages, at most about 10 ms. After a stop:
         the thread needs Python's lock, which this thread may hold next for a whole frame."""
-        for _ in range(_HAND_OVERS):
+        for _ in range(20):
             if not self.urgent:
                 return
-            time.sleep(_HAND_OVER_S)
+            time.sleep(0.0005)
 
     def watch(self) -> None:
         """Kill a ready process that has not confirmed a stop for 0.2 s; create the event "gone"."""
-        since_s = self._asked_silence_s
+        now_s, since_s = time.monotonic(), self._asked_silence_s
+        # A computer that slept or was too busy halted both processes: that time does not count.
+        self._halted_s += max(now_s - self._watched_s - STOP_PATIENCE_S / 2.0, 0.0)
+        self._watched_s = now_s
         if not self._is_ready or since_s is None:
             return
-        if time.monotonic() - since_s > STOP_PATIENCE_S and self.is_running:
+        if now_s - since_s - self._halted_s > STOP_PATIENCE_S and self.is_running:
             if self.worker is not None:
                 self.worker.kill()
             self._asked_silence_s = None
@@ -250,7 +254,7 @@ class HostPipe:
             return
         if event.event == "ready":
             if self._asked_silence_s is not None:
-                self._asked_silence_s = time.monotonic()
+                self._asked_silence_s, self._halted_s = time.monotonic(), 0.0
             self._is_ready = True
         self._events.append(event)
 

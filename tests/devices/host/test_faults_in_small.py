@@ -165,6 +165,13 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     assert next(written) == message(MessageKind.HEARTBEAT)  # no values
 
 
+def beat(pipe: HostPipe, now: list[float], seconds: float) -> None:
+    """Pass time on a clock with a heartbeat each 50 ms."""
+    for _ in range(round(seconds / 0.05)):
+        now[0] += 0.05
+        pipe.watch()
+
+
 def test_a_stop_before_ready_keeps_the_starting_deadline(
     client: LiveClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,8 +184,7 @@ def test_a_stop_before_ready_keeps_the_starting_deadline(
     pipe.watch()
     assert not worker.is_killed  # still importing numpy, without an open port
     worker.says(MessageKind.JSON, b'{"event": "ready", "device": 0, "text": "1"}')
-    now[0] += STOP_PATIENCE_S + 0.01
-    pipe.watch()
+    beat(pipe, now, STOP_PATIENCE_S + 0.06)
     assert worker.is_killed
     worker.ends()
     client.events()
@@ -201,9 +207,24 @@ def test_a_stop_confirmed_before_its_call_returns_is_confirmed(
 
     pipe.urgent = Prompt()
     client.stop_all("enough")
-    now[0] += 60.0
+    beat(pipe, now, 5.0)
+    assert not worker.is_killed
+
+
+def test_a_halted_computer_is_no_delay_of_the_output_process(
+    client: LiveClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    pipe = client.pipe
+    worker: Any = pipe.worker
+    worker.says(MessageKind.JSON, b'{"event": "ready", "device": 0, "text": "1"}')
+    client.stop_all("enough")
+    now[0] += 60.0  # both processes stand still
     pipe.watch()
     assert not worker.is_killed
+    beat(pipe, now, STOP_PATIENCE_S)
+    assert worker.is_killed
 
 
 @pytest.mark.parametrize(

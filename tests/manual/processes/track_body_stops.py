@@ -139,6 +139,7 @@ def run(trials: int, folder: str) -> int:
         if not main_loop(lambda: is_felt(board), 60.0):
             print(f"trial {number}: no vibration: {live.states} {live.fault}")  # noqa: T201
             faults += 1
+            body_tracking.stop_all()
             live.close()
             bpy.ops.hfx.live_connect(name=BELT, kind="DEVICE", port=board.port)
             continue
