@@ -283,13 +283,9 @@ class PoseBlock:
     @cached_property
     def is_repeated(self) -> Bool:
         """Mask (T,) of times with the pose of the time before."""
-        is_same = np.zeros(len(self.valid), np.bool_)
-        for values in (self.to_world, self.bones, self.surface):
-            if values is not None:
-                flat = values.reshape(len(values), -1)
-                changes = (flat[1:] != flat[:-1]).any(axis=1)
-                is_same[1:] = ~changes if values is self.to_world else is_same[1:] & ~changes
-        return is_same
+        known = [v for v in (self.to_world, self.bones, self.surface) if v is not None]
+        equal = [(v[1:] == v[:-1]).reshape(len(v) - 1, -1).all(axis=1) for v in known]
+        return np.concatenate([[False], np.all(equal, axis=0)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,12 +64,9 @@ def _copies(query: ContactQuery) -> Bool:
         return is_copy
     assert matrices is not None
     is_still = query.follows & query.pose.is_repeated[rows]
-    # Only rows of a still body are compared.
-    after = np.flatnonzero(is_still)
-    changes = (matrices[rows[after]] != matrices[rows[after] - 1]).any(axis=(1, 2))
+    is_still &= (matrices[rows] == matrices[rows - 1]).all(axis=(1, 2))
     if index is not None:
-        changes |= index[rows[after]] != index[rows[after] - 1]
-    is_still[after[changes]] = False
+        is_still &= index[rows] == index[rows - 1]
     # Skin may be passed up to the first of two equal samples, so the second is the first copied.
     is_copy[1:] = is_still[1:] & is_still[:-1] & (query.reported[1:] == query.reported[:-1])
     return is_copy

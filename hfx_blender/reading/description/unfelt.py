@@ -44,10 +44,6 @@ CLIPS_OFF = (
 )
 NO_TOUCH = "touches no body"
 NEVER_ON = "is never on"
-_SEVERAL: Final = {
-    NO_TOUCH: "effects that touch no body are not felt",
-    NEVER_ON: "effects that are never on are not felt",
-}
 OFF = "is not on at any exported time"
 _ROUNDING: Final = 1e-4  # frames: strips are single precision
 _ELSEWHERE: Final = "can be felt only outside of the exported frames"
@@ -124,8 +120,7 @@ def missed_warnings(missed: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     return tuple(
         f"effect '{names[0]}' {why}: it is not felt"
         if len(names) == 1
-        else f"{_SEVERAL.get(why, f'effects are not felt, as each {why}')}: "
-        f"{len(names)} ({named(names, MOST_NAMES)})"
+        else f"effects are not felt, as each {why}: {len(names)} ({named(names, MOST_NAMES)})"
         for why, names in reasons.items()
     )
 
