@@ -18,8 +18,7 @@ Handlers = Mapping[str, Callable[..., None]]
 
 
 def add_handlers(handlers: Handlers, first: Collection[str] = ()) -> None:
-    """Append handlers to ``bpy.app.handlers``, unless installed already; in the lists ``first``
-    insert them before all others."""
+    """Add handlers at the end of ``bpy.app.handlers``, or at the begin of lists in ``first``."""
     for name, handler in handlers.items():
         installed = getattr(bpy.app.handlers, name)
         if handler not in installed:

@@ -42,9 +42,8 @@ class DeviceState:
     def update(self, event: Event) -> None:
         """Apply an event of this device's number, or "gone": lost, without levels. "levels" and
         "log" leave the state; "closed" does not replace "lost"."""
-        if event.event == "gone":  # the output process, and all devices with it
-            if self.state != "lost":  # the first reason explains the later ones
-                self.state, self.text, self.levels = "lost", event.text, ()
+        if event.event == "gone" and self.state != "lost":  # the output process, and all devices
+            self.state, self.text, self.levels = "lost", event.text, ()
         elif event.device != self.number:
             return
         elif event.event == "levels":

@@ -75,9 +75,7 @@ class HostPipe:
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
         self._is_ready = False
         self._asked_silence_s: float | None = None  # time of the oldest unconfirmed stop
-        self._watched_s = self._halted_s = (
-            0.0  # last watch(); time without this process since a stop
-        )
+        self._watched_s = self._halted_s = 0.0  # last watch(); standstills since the stop
         self.places: Mapping[Stream, int] = {}
 
     @property

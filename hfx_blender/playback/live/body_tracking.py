@@ -186,8 +186,7 @@ class BodyTracking:
 
     def fail(self, text: str) -> None:
         """Stop all devices, then the tracking, with an error message for the panel."""
-        # The stop comes first: the end of receiving waits for a thread.
-        live.fail(text)
+        live.fail(text)  # first, as the end of receiving waits for a thread
         self.stop_all()
         self.fault = text
         redraw("VIEW_3D")
