@@ -14,7 +14,9 @@ from typing import Any
 from ..export.batch.local_workers import LocalWorkers, ThisProcess, Workers
 from ..export.batch.pieces import folder_of, pieces_folder, remove_folder
 from ..export.batch.units import ExportOptions, Outcome, Unit
+from ..files import resources
 from ..files.atomic import atomic_file, inputs_kept
+from ..files.hashes import sha256_of
 from ..processes import blender_session
 from ..processes.start import cores
 from ..text import printable
@@ -126,6 +128,9 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
         scene=options.scene,
         per_clip=options.per_clip,
         clip_detail=options.clip_detail,
+        profile=("", "")
+        if not options.profile
+        else (options.profile, sha256_of(resources.profiles() / f"{options.profile}.json")),
     )
     return [
         Unit(

@@ -64,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a device by name or file; 'none' for no device (default: the scene's own)",
     )
     parser.add_argument("--scene", metavar="NAME", help="a scene of the file by name")
+    add_profile(parser)
     parser.add_argument(
         "--full-precision", action="store_true", help="weights as 32-bit floats, not 8 bits"
     )
@@ -138,6 +139,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     work.add_argument("--report", type=Path, metavar="FILE", help="write the result as JSON")
 
 
+def add_profile(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a person's profile."""
+    parser.add_argument(
+        "--profile",
+        default="",
+        metavar="NAME",
+        help="play at the strengths that a person feels ('hfx profile make')",
+    )
+
+
 def _names_of_formats(of_devices: bool) -> str:
     """Ids of export formats for devices, or of the other formats, joined by commas."""
     infos = (FORMATS[id] for id in EXPORTED)
@@ -149,13 +160,16 @@ def check(options: argparse.Namespace) -> None:
     """Raise UsageError for options that no scene could be exported with, InputError for an unusable
     device."""
     from ..devices.configuration import load_device
+    from ..devices.configurations.person_profile import load, personal
     from ..engine.areas.sample_run_builder import ON_DEMAND
 
     refuse_unknown(options.formats or (), "-f")
-    # A faulty device ends the command before any scene is opened.
+    # A faulty device or profile ends the command before any scene is opened.
     for name in options.device or ():
         if name != "none":
-            load_device(name)
+            personal(load_device(name), options.profile)
+    if options.profile:
+        load(options.profile)
     unknown = sorted(set(options.record) - ON_DEMAND)
     if unknown:
         raise UsageError(f"--record {unknown[0]}: expected some of {', '.join(sorted(ON_DEMAND))}")

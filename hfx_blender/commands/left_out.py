@@ -20,7 +20,7 @@ from ..errors import UsageError
 PACKAGE: Final = "hfx_tools"
 COMMANDS: Final = (
     *("demo", "export", "sound", "info", "validate", "convert", "play", "feel", "study"),
-    *("body", "device", "texture", "bench", "doctor"),
+    *("body", "device", "profile", "texture", "bench", "doctor"),
 )
 """All commands of pip's ``hfx``, in the order of the help text."""
 _IN_EXTENSION: Final = ("export", "doctor")
@@ -34,7 +34,7 @@ def module(name: str) -> ModuleType | None:
 
 
 def refuse(arguments: Sequence[str]) -> None:
-    """Raise UsageError for a command that this installation lacks, with the way to get it."""
+    """Raise UsageError for a command missing in this installation, with the way to get it."""
     is_left_out = arguments and arguments[0] in COMMANDS and arguments[0] not in _IN_EXTENSION
     if is_left_out and not _load_tools():
         raise UsageError(

@@ -76,6 +76,11 @@ def saved_areas() -> Path:
     return _user_data() / "areas.json"
 
 
+def profiles() -> Path:
+    """Folder of the profiles of persons; may be missing."""
+    return _user_data() / "profiles"
+
+
 def surface_calibration() -> Path:
     """File of the calibrated surface strength of each device; may be missing."""
     return _user_data() / "surface_calibration.json"

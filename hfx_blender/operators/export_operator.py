@@ -273,7 +273,8 @@ def draw_written(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
     for written in last_written:
         report = written.report
         for warning in shortened(report.warnings, _WARNINGS):
-            draw_wrapped(layout, _sentence(warning), _POPUP_LINE, "ERROR", _LINES)
+            text = printable(warning[:1].upper() + warning[1:])
+            draw_wrapped(layout, text, _POPUP_LINE, "ERROR", _LINES)
         if written.has_clips_outside:
             layout.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ALL"
         if report.warnings:
@@ -346,7 +347,3 @@ def register() -> None:
 
 def unregister() -> None:
     remove_handlers(_HANDLERS)
-
-
-def _sentence(text: str) -> str:
-    return printable(text[:1].upper() + text[1:])

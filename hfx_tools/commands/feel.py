@@ -14,6 +14,7 @@ import numpy as np
 
 from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
+from hfx_blender.commands.export_options import add_profile
 from hfx_blender.errors import DeviceError, UsageError
 from hfx_blender.files.atomic import atomic_file
 from hfx_blender.tracking.receiver import PRIVATE, OscReceiver
@@ -48,6 +49,7 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("file", type=Path, metavar="CLIP", help="a .hfxclip with bodies")
     add_output_arguments(parser)
+    add_profile(parser)
     parser.add_argument(
         "--vmc",
         type=int,
@@ -99,11 +101,12 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace, console: Console) -> int:
     """Play until the end; DeviceError for devices that failed."""
     from hfx_blender.devices.configuration import load_device
-    from hfx_blender.devices.live.client import LiveClient
+    from hfx_blender.devices.configurations.person_profile import personal
     from hfx_blender.files import resources
 
     from ..live_body.felt_bodies import FeltBodies
     from ..live_body.live_values import LiveValues
+    from ..persons.personal_client import PersonalClient
     from .playback_loop import fault_of, play
 
     names = list(dict.fromkeys(options.device))
@@ -118,7 +121,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
     write_note = console.warn if console.as_json else console.say
     allowed = PRIVATE if options.sender is None else (options.sender,)
     with ExitStack() as stack:
-        devices = {name: load_device(name, resources.user_devices()) for name in names}
+        devices = {
+            name: personal(load_device(name, resources.user_devices()), options.profile)
+            for name in names
+        }
         ports: dict[str, OscReceiver] = {}
         for body, port in _ports(options).items():
             receiver = OscReceiver(options.listen_on, port, allowed, VmcBody.is_used)
@@ -142,7 +148,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
             # Written at every end, so also after Ctrl-C; devices are silent by then.
             rows, device = source.recorded[names[0]], devices[names[0]]
             stack.callback(_RECORDS[suffix], options.record, rows, device)
-        client = stack.enter_context(closing(LiveClient()))
+        client = stack.enter_context(closing(PersonalClient(devices)))
         offsets_ms = [
             connect(client, name, (device, None), options, write_note)
             for name, device in devices.items()

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
+from hfx_blender.commands.export_options import add_profile
 from hfx_blender.errors import (
     DeviceError,
     HfxError,
@@ -56,6 +57,7 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="a .hfxtrack or a .hfxclip")
     add_output_arguments(parser)
+    add_profile(parser)
     parser.add_argument(
         "--body", metavar="NAME", help="body that wears the devices (default: the first)"
     )
@@ -150,8 +152,7 @@ def add_osc_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Play the file to the end; DeviceError for devices that failed."""
-    from hfx_blender.devices.live.client import LiveClient
-
+    from ..persons.personal_client import PersonalClient
     from .playback_loop import fault_of, play
 
     # With --json standard output holds nothing but the result.
@@ -184,7 +185,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
         if options.osc is not None:
             source = _controlled(source, options, targets, stack)
         # Entered last, hence closed first: devices are silent before their source is closed.
-        client = stack.enter_context(closing(LiveClient()))
+        devices = {name: device for name, (device, _) in targets.items()}
+        client = stack.enter_context(closing(PersonalClient(devices)))
         offset_ms = 0.0
         for name, (device, script) in targets.items():
             device_offset_ms = connect(client, name, (device, script), options, write_note)
@@ -247,6 +249,7 @@ def connect(
         folder=resources.user_devices(),
         script=None if script is None else script.as_request(),
         offset_ms=settings.offset_ms,
+        profile=getattr(options, "profile", ""),
     )
     return settings.offset_ms
 
@@ -347,6 +350,7 @@ def _opened(
     """Open the file and load the devices, with their scripts for a track and None for a clip.
     InputError for a file of another kind, or an unusable device."""
     from hfx_blender.devices.configuration import load_device
+    from hfx_blender.devices.configurations.person_profile import personal
     from hfx_blender.devices.live import live_settings
     from hfx_blender.devices.live.track_playback import PlayedTrack
     from hfx_blender.engine.track import SUFFIX as TRACK_SUFFIX
@@ -356,7 +360,10 @@ def _opened(
     from .played_clip import PlayedClip
 
     if options.file.name.lower().endswith(SUFFIX):
-        devices_of = {name: load_device(name, resources.user_devices()) for name in names}
+        devices_of = {
+            name: personal(load_device(name, resources.user_devices()), options.profile)
+            for name in names
+        }
         clip = PlayedClip(options.file, devices_of, options.body)
         return clip, {name: (device, None) for name, device in devices_of.items()}
     refuse_no_file(options.file)
@@ -368,6 +375,8 @@ def _opened(
     # A track is rendered here, by the device's script if any; a clip is rendered already.
     track = stack.enter_context(PlayedTrack(options.file, options.body))
     targets = {name: live_settings.named(name) for name in names}
+    for device, _ in targets.values():
+        personal(device, options.profile)  # raises for a profile without the device
     devices = [device for device, _ in targets.values()]
     track.latencies_ms = {ms for device in devices for ms in live_settings.latencies_ms(device)}
     return track, targets

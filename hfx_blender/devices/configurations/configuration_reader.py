@@ -143,7 +143,7 @@ def _actuator_type(name: str, node: Node) -> ActuatorType:
         is_tone_pair=node.get("tone_pair", False),
         drive=drive,
         thresholds=node.curve("detection_thresholds"),
-        **{
+        **{  # type: ignore[arg-type]  # all are numbers
             key: node.number(key)
             for key in ("slew_per_s", "maximum_on_s", "rest_s", "resonance_hz")
             if key in node

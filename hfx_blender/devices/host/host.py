@@ -37,6 +37,7 @@ from ...processes.messages import (
     messages,
 )
 from ..configuration import load_device
+from ..configurations.person_profile import personal
 from ..workers.message_bodies import decode_values
 from ..workers.render_process import Questions, RenderProcess
 from ..workers.script_process import ScriptProcess
@@ -256,6 +257,7 @@ class Host:
             device = load_device(
                 str(request.get("configuration")), None if folder is None else Path(str(folder))
             )
+            device = personal(device, str(request.get("profile", "")))
         except (InputError, OSError) as error:
             self._report("lost", number, text=str(error))
             return

@@ -31,6 +31,7 @@ class DeviceState:
     has_script: bool = False
     scheme: str = ""  # rendering scheme; "": as configured
     body_id: str = ""  # wearer; "": the body passed to LiveClient.describe
+    profile: str = ""  # of a person; "": none
     text: str = ""  # reason of the state, or the last line of the device's script
     unit: str = ""  # label of the device at a server; "" without
     levels: tuple[float, ...] = ()  # 0..1 by actuator
@@ -94,6 +95,7 @@ class LiveClient:
         folder: Path | None = None,
         script: Mapping[str, Any] | None = None,
         offset_ms: float = 0.0,
+        profile: str = "",
     ) -> DeviceState:
         """Open and arm a device under a name; a device of the same name is closed first. Return the
         state, "connecting"; failures of the opening arrive as events.
@@ -104,6 +106,7 @@ class LiveClient:
         ``script``: ``{"path": ..., "configuration": ..., "fingerprint": ...}`` of the device's
         script. A script with unapproved bytes is not run, and the device has a fault.
         ``offset_ms``: delay of the values.
+        ``profile``: name of a person's profile, whose "too strong" limits the device.
 
         Raises DeviceError: the output process cannot be started.
         """
@@ -114,13 +117,14 @@ class LiveClient:
             state = self.devices[name] = DeviceState(self._numbers, name)
         state.state, state.text, state.levels = "connecting", "", ()
         state.configuration, state.has_script = str(configuration), script is not None
-        state.folder = None if folder is None else str(folder)
+        state.folder, state.profile = None if folder is None else str(folder), profile
         request = {
             "configuration": state.configuration,
             "folder": state.folder,
             "output": dict(output),
             "script": None if script is None else dict(script),
             "offset_ms": offset_ms,
+            "profile": profile,
         }
         # A CONNECT with a known number closes the earlier device first.
         self.pipe.send(MessageKind.CONNECT, state.number, encode_json(request))
@@ -159,6 +163,7 @@ class LiveClient:
                 state.has_script,
                 state.scheme,
                 state.body_id,
+                state.profile,
             )
             for state in self.devices.values()
         )

@@ -91,7 +91,11 @@ def searched(device: DeviceConfig, settings: LiveSettings) -> Generator[Connecti
     while True:
         if kind == "serial":
             yield _serial(device, settings.port, serial_ports())
-        elif kind == "udp" and settings.kind == "DEVICE" and _is_board(device):
+        elif (
+            kind == "udp"
+            and settings.kind == "DEVICE"
+            and (device.output is not None and isinstance(device.output.encoder, VrcHapticsEncoder))
+        ):
             yield _boards(settings)
         elif kind == "AUDIO":
             yield _cards(device, settings.port)
@@ -152,10 +156,6 @@ def _served(device: DeviceConfig, settings: LiveSettings) -> Iterator[Connection
                         yield Connections(units=fitting, hint="" if fitting else hint)
             except OutputLostError as error:
                 yield Connections(hint=str(error))
-
-
-def _is_board(device: DeviceConfig) -> bool:
-    return device.output is not None and isinstance(device.output.encoder, VrcHapticsEncoder)
 
 
 def _boards(settings: LiveSettings) -> Connections:

@@ -47,6 +47,7 @@ class LiveSettings:
     offset_ms: float = 0.0  # delay of the values, 0..1000
     unit: str = ""  # among several devices: label at a server, or serial number at a port
     more: tuple[PortSettings, ...] = ()  # outputs of the device after the first
+    profile: str = ""  # of a person; "": none
 
     def of_output(self, index: int) -> LiveSettings:
         """Settings of an output by its number from 0, without the other outputs; empty port, host

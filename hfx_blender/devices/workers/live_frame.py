@@ -48,6 +48,7 @@ class RenderedDevice:
     has_script: bool
     scheme: str = ""  # rendering scheme; "": as configured
     body_id: str = ""  # wearer; "": the body of the scene message
+    profile: str = ""  # of a person; "": none
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from ...engine.rendering.moment import MomentRenderer
 from ...processes.messages import EVERY_DEVICE, MessageError, MessageKind, message
 from ...processes.worker import Owner
 from ..configuration import load_device
+from ..configurations.person_profile import personal
 from ..host.tones import Tones, frame_of, of_partials
 from .haptics import encode_haptics
 from .live_frame import LiveFrame, RenderedDevice, SceneMessage, decode_live_frame, decode_scene
@@ -82,6 +83,7 @@ class Renderers:
             try:
                 folder = None if rendered.folder is None else Path(rendered.folder)
                 device = load_device(rendered.configuration, folder).rendered_by(rendered.scheme)
+                device = personal(device, rendered.profile)
                 wearer = rendered.body_id or scene.body_id
                 renderer = MomentRenderer(scene.header, device, body_id=wearer)
                 # Models and distances are loaded now, so that the first moment is on time.

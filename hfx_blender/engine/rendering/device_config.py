@@ -24,18 +24,8 @@ from ..modality import MODALITIES
 from .conditioning.waveform import DriveCurve, Waveform
 
 Statistic = Literal["strongest", "mean"]
-SchemeName = Literal[
-    "coverage",
-    "nearest",
-    "barycentric",
-    "surface",
-    "ring",
-    "line",
-    "vbap",
-    "splat",
-    "brush",
-    "saltation",
-]
+_Panning = Literal["nearest", "barycentric", "surface", "ring", "line", "vbap", "splat"]
+SchemeName = Literal["coverage", _Panning, "brush", "saltation"]
 Law = Literal["linear", "log", "power"]
 LAWS: Final[tuple[Law, ...]] = ("linear", "log", "power")
 NumberFormat = Literal["u8", "u16le", "u16be"]
@@ -84,6 +74,8 @@ class ActuatorType:
     resonance_hz: float | None = None  # for effects without a frequency
     drive: tuple[DriveCurve, ...] = ()  # by ascending frequency; empty: proportional
     thresholds: tuple[tuple[float, float], ...] = ()  # detection thresholds (Hz, m/s^2)
+    # A person's "first felt" and "strong enough", and the strength that is played as the latter.
+    marks: tuple[float, float, float] | None = None
 
     @property
     def strength(self) -> ActuatorControl:

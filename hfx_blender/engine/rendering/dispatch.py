@@ -14,6 +14,7 @@ import numpy as np
 from ...text import counted
 from ..arrays import F64, I64, Bool
 from ..body.model import PerceptualModel
+from ..modality import MODALITIES
 from ..samples import SampleRun
 from ..track.header import TrackHeader
 from .actuator_vertices import on_parts
@@ -105,6 +106,20 @@ class ActuatorGroup:
                 is_part = on_parts(standing.parts, model)
                 gains[:, column] = room_gains(standing, is_part, run, points)
         return gains
+
+    def personal_factors(self, strengths: F64) -> F64:
+        """Factors (R, A) of strengths (R, A) from 0 by the marks of a person; 1 without marks.
+
+        A strength above 0 is played from "first felt" up, the full strength as "strong enough".
+        """
+        factors = np.ones_like(strengths)
+        for k, actuator in enumerate(self._actuators):
+            if actuator.type.marks is not None and MODALITIES[self.modality].is_silent_at_0:
+                first, strong, full = actuator.type.marks
+                own = strengths[:, k]
+                is_on, share = own > 0.0, np.minimum(own / full, 1.0)
+                factors[is_on, k] = (first + (strong - first) * share)[is_on] / own[is_on]
+        return factors
 
     def notes(self) -> Iterator[str]:
         """Yield sentences about actuators without a vertex, and a scheme replaced by coverage. Only

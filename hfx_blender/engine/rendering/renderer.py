@@ -252,13 +252,18 @@ class Renderer:
             elif mixed.frequencies_hz is not None:
                 vibrations.append((modality, mixed.strengths, mixed.frequencies_hz[:, 0]))
         mixed = mixes[0] if len(mixes) == 1 else merged(group.modality, mixes)
+        gain: F64 = np.array(self._device.gain)
+        if any(actuator.type.marks for actuator in self._device.actuators):
+            factors = group.personal_factors(gain * mixed.strengths)
+            mixed = replace(mixed, strengths=mixed.strengths * factors)
+            gain = gain * factors[:, group.takes_waveform]
         if group.modality != "vibration":
             return mixed
         # Actuators driven as sound play every vibration at its own frequency; all actuators also
         # get a combined strength and one frequency, for outputs without a waveform.
         pairs = np.zeros((2, len(rows), len(self._sounding)))
         for name, amplitudes, frequencies_hz in vibrations if self._sounding else ():
-            sounding = self._device.gain * amplitudes[:, group.takes_waveform]
+            sounding = gain * amplitudes[:, group.takes_waveform]
             if self._is_pair.any():
                 by_tone = tone_pair_shares(frequencies_hz)[..., None]
                 pairs += by_tone * np.where(self._is_pair, sounding, 0.0)

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Final
 
 
@@ -48,35 +50,10 @@ class Control:
 _INFLUENCE: Final = Control("influence", "1", 1.0, 0.0, 1.0)
 
 CONTROLS: Final[dict[FilterKind, tuple[Control, ...]]] = {
-    FilterKind.DISTANCE: (
-        _INFLUENCE,
-        Control("near_m", "m", 0.0, 0.0, 1000.0),
-        Control("far_m", "m", 0.5, 0.0, 1000.0),
-        Control("near_value", "1", 1.0, 0.0, 1.0),
-        Control("far_value", "1", 0.0, 0.0, 1.0),
-    ),
-    FilterKind.SPEED: (
-        _INFLUENCE,
-        Control("still_m_s", "m/s", 0.0, 0.0, 100.0),
-        Control("full_m_s", "m/s", 1.0, 1e-3, 100.0),
-    ),
-    FilterKind.IMPACT: (
-        _INFLUENCE,
-        Control("attack_s", "s", 0.0, 0.0, 10.0),
-        Control("decay_s", "s", 0.15, 1e-3, 10.0),
-        Control("full_m_s", "m/s", 1.0, 1e-3, 100.0),
-    ),
-    FilterKind.PROXIMITY: (
-        _INFLUENCE,
-        Control("range_m", "m", 0.1, 0.0, 10.0),
-        Control("exponent", "1", 1.0, 0.1, 10.0),
-    ),
-    FilterKind.SINE: (
-        _INFLUENCE,
-        Control("cycles", "1/s or m", 2.0, 0.0, 1000.0),  # frequency, or wavelength in space
-        Control("depth", "1", 1.0, 0.0, 1.0),
-        Control("phase", "turns", 0.0, -1000.0, 1000.0),
-    ),
+    FilterKind(kind): (_INFLUENCE, *(Control(name, **facts) for name, facts in controls.items()))
+    for kind, controls in tomllib.loads(
+        Path(__file__).with_name("controls.toml").read_text(encoding="utf-8")
+    ).items()
 }
 """Controls of each filter kind, in the order of a block's columns."""
 

@@ -37,6 +37,7 @@ class ExportOptions:
     scene: str | None = None
     per_clip: bool = False
     clip_detail: int = DETAIL
+    profile: tuple[str, str] = ("", "")  # name of a person's profile, and hash of the file
 
     def __post_init__(self) -> None:
         if self.rate is not None:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 from uuid import uuid4
 
 from ...devices.configuration import load_device
+from ...devices.configurations.person_profile import personal
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.stepwise import finish, progress_shown
 from ...engine.tolerance import parse as parse_tolerance
@@ -189,8 +190,9 @@ def _devices(
 
     if options.devices:
         names = [name for name in options.devices if name != "none"]
-        return names, tuple(map(load_device, names)), {}
+        return names, tuple(personal(load_device(name), options.profile[0]) for name in names), {}
     devices, missing = scene_devices(scene)
+    devices = tuple(personal(device, options.profile[0]) for device in devices)
     chosen = (device.name for device in scene.hfx.devices if device.is_exported)
     named = dict.fromkeys(chosen)
     return [name for name in named if name not in missing], devices, missing

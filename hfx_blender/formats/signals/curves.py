@@ -233,7 +233,12 @@ def _fewest_pieces(times: F64, low: F64, high: F64) -> tuple[F64, F64]:
         _push(lower, (x, bottom), first_lower, 1.0)
         row += 1
     # Any line between the extreme ones reaches the end; the mean has most room on both sides.
-    lines.append(_middle(rising, falling, t[0], (lows[0] + highs[0]) / 2.0))
+    # Without one of them the other counts, without both a horizontal line.
+    if rising is None or falling is None:
+        lines.append(rising or falling or (t[0], (lows[0] + highs[0]) / 2.0, 0.0))
+    else:
+        at, value, slope = rising
+        lines.append((at, (value + _value(falling, at)) / 2.0, (slope + falling[2]) / 2.0))
     return _keyframes(lines, windows, t[0], t[-1])
 
 
@@ -245,14 +250,6 @@ def _value(line: _Line, x: float) -> float:
 def _through(a: _Point, b: _Point) -> _Line:
     """Line through two points, anchored at the later point b; horizontal for equal times."""
     return (b[0], b[1], (b[1] - a[1]) / (b[0] - a[0]) if b[0] > a[0] else 0.0)
-
-
-def _middle(rising: _Line | None, falling: _Line | None, x: float, value: float) -> _Line:
-    """Mean of the extreme lines; of one or no line: this line, or horizontal through (x, value)."""
-    if rising is None or falling is None:
-        return rising or falling or (x, value, 0.0)
-    at = rising[0]
-    return (at, (rising[1] + _value(falling, at)) / 2.0, (rising[2] + falling[2]) / 2.0)
 
 
 def _crossing(line: _Line, a: _Point, b: _Point) -> _Point:

@@ -11,6 +11,7 @@ import bpy
 from bpy.props import CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...blender.translation import translated
+from ...devices.configurations import person_profile
 from ...devices.live import live_settings
 from ...engine.body.parts import ARMS, HANDS, HEAD, LEGS
 from ...errors import InputError
@@ -155,6 +156,12 @@ class HFX_OT_live_connect(OfDevice):
     path: StringProperty(
         name="Log", description="File to write", subtype="FILE_PATH", translation_context="HFX"
     )
+    profile: StringProperty(
+        name="Profile",
+        description="Strengths that a person felt on this device, measured by hfx profile make; "
+        "empty: none",
+        search=lambda _self, _context, _text: person_profile.names(),
+    )
     offset_ms: FloatProperty(
         name="Offset (ms)",
         description="Delay of the values, to be in time with sound and picture",
@@ -172,7 +179,7 @@ class HFX_OT_live_connect(OfDevice):
             self.report({"ERROR"}, translated(facts.fault))
             return {"CANCELLED"}
         stored = settings_of(self.name)
-        for field in ("kind", "port", "host", "unit", "path", "offset_ms"):
+        for field in ("kind", "port", "host", "unit", "path", "offset_ms", "profile"):
             setattr(self, field, getattr(stored, field))
         self.more.clear()
         for index in range(len(facts.device.outputs) - 1):
@@ -205,7 +212,7 @@ class HFX_OT_live_connect(OfDevice):
     def _settings(self, unit: str) -> live_settings.LiveSettings:
         more = tuple(live_settings.PortSettings(x.port, x.host, x.unit) for x in self.more)
         return live_settings.LiveSettings(
-            self.kind, self.port, self.host, self.path, self.offset_ms, unit, more
+            self.kind, self.port, self.host, self.path, self.offset_ms, unit, more, self.profile
         )
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -235,6 +242,7 @@ class HFX_OT_live_connect(OfDevice):
                 self._draw_connection(column, item, output)
         else:
             column.prop(self, "path")
+        column.prop(self, "profile")
         column.prop(self, "offset_ms")
         newest = search.newest
         if self.name in live.unapproved:

@@ -132,6 +132,7 @@ class Live:
             folder=resources.user_devices(),
             script=None if script is None else script.as_request(),
             offset_ms=settings.offset_ms,
+            profile=settings.profile,
         )
         # Samples wait for a new description, which has the streams of this device.
         self.connected[name] = Connected(device, script is not None, settings.offset_ms)

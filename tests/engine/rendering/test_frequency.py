@@ -256,3 +256,18 @@ def test_actuators_with_a_tone_pair_play_two_tones() -> None:
         "40 Hz": (pytest.approx(8.6603, abs=1e-4), 40.0),
         "320 Hz": (pytest.approx(7.0, abs=1e-4), 320.0),
     }
+
+
+def test_marks_of_a_person_scale_strengths_and_tones():
+    """10 of 20 m/s^2, between first felt 1 and strong enough 3, is 2; two tones share the 2."""
+    device = make_device({"coil": ("vibration", at(4))})
+    kind = replace(device.actuators[0].type, takes_waveform=True, marks=(1.0, 3.0, 20.0))
+    device = replace(device, actuators=(replace(device.actuators[0], type=kind),))
+    header = make_header({"a": "vibration", "b": "vibration"}, 1)
+    runs = [make_run(header, "a", {0: {4: 1.0}}, [8.0, LOW])]
+    runs.append(make_run(header, "b", {0: {4: 1.0}}, [6.0, HIGH]))
+    renderer = Renderer(header, device, lambda name: MODELS[name])
+    renderer.add(runs)
+    tones = [partial.amplitudes[0, 0] for partial in renderer.partials()]
+    assert renderer.first_row()[0] == pytest.approx(2.0)  # sqrt(8^2 + 6^2) is 10
+    assert tones == pytest.approx([1.6, 1.2])

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Profiles of persons: strengths that a person felt on a device, stored in the user's data folder.
+
+``hfx profile make`` writes a profile. A profile narrows limits, never widens one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Final
+
+from ...engine.rendering.device_config import DeviceConfig
+from ...errors import InputError
+from ...files import resources
+from ...files.json_shapes import Number, Table, Text, read, strict
+from .device_shape import ID
+
+SCHEMA: Final = "hfx-profile/1"
+_STRENGTH: Final = Number(0.0, 1000.0)
+_MARKS: Final = strict(dict.fromkeys(("first_felt", "strong_enough", "too_strong"), _STRENGTH))
+PROFILE: Final = strict(
+    {"schema": Text((SCHEMA,)), "devices": Table(Table(_MARKS, key=ID), key=ID)}
+)
+"""Strengths in the unit of each actuator's modality, by device and actuator."""
+
+
+def names() -> list[str]:
+    """Names of the user's profiles, sorted."""
+    folder = resources.profiles()
+    return sorted(path.stem for path in folder.glob("*.json")) if folder.is_dir() else []
+
+
+def load(name: str) -> dict[str, Any]:
+    """Marks of a profile by device and actuator. InputError for an unknown or invalid profile."""
+    if name not in names():
+        known = ", ".join(names()) or "none"
+        raise InputError(f"Profile '{name[:100]}' is unknown; there are: {known}.")
+    document = read(resources.profiles() / f"{name}.json").hold(PROFILE)
+    for device, actuators in document.value["devices"].items():
+        for actuator, marks in actuators.items():
+            if not marks["first_felt"] <= marks["strong_enough"] <= marks["too_strong"]:
+                node = document["devices"][device][actuator]
+                node.fail("first_felt up to strong_enough up to too_strong")
+    return dict(document.value["devices"])
+
+
+def personal(device: DeviceConfig, name: str) -> DeviceConfig:
+    """Device with the marks of a profile; unchanged for "". Strengths above 0 are rendered from
+    "first felt" to "strong enough", and "too strong" is a limit of each actuator. InputError for a
+    profile without this device."""
+    if not name:
+        return device
+    marks = load(name).get(device.id)
+    if marks is None:
+        raise InputError(
+            f"Profile '{name}' has no device '{device.id}'; add the device with 'hfx profile make "
+            f"{name} --device {device.id}'."
+        )
+    actuators = []
+    for actuator in device.actuators:
+        kind, own = actuator.type, marks.get(actuator.id)
+        if own is not None:
+            strength = kind.strength
+            top = min(max(own["too_strong"], strength.lowest), strength.highest)
+            controls = (replace(strength, highest=top), *kind.controls[1:])
+            marked = own["first_felt"], own["strong_enough"], strength.highest
+            actuator = replace(actuator, type=replace(kind, controls=controls, marks=marked))
+        actuators.append(actuator)
+    return replace(device, actuators=tuple(actuators))
