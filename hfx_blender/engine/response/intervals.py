@@ -232,7 +232,11 @@ class Intervals:
         if self._is_straight or at is None:
             paths = [self._path(name, values, n) for n in which.tolist()]
             parts = [path.at(mine) for path, mine in zip(paths, shares, strict=True)]
-            return _unpacked(np.concatenate(parts), values)
+            read = np.concatenate(parts)
+            is_matrix = values.shape[1:] == (4, 4)  # packed in columns
+            return (
+                read.transpose(0, 2, 1) if is_matrix else read.reshape(len(read), *values.shape[1:])
+            )
         # All volumes share the motion of a body, so its values are cached with the body's
         # positions.
 
@@ -275,14 +279,6 @@ def _packed(value: F64 | F32) -> F64:
     if value.shape == (4, 4):
         return value.T.astype(np.float64)
     return value.reshape(len(value), -1).astype(np.float64)
-
-
-def _unpacked(rows: F64, values: F64 | F32) -> F64:
-    """Values (n, ...) shaped like the entries of ``values`` (T, ...), from rows (n, N, D); inverse
-    of :func:`_packed`."""
-    if values.shape[1:] == (4, 4):
-        return rows.transpose(0, 2, 1)
-    return rows.reshape(len(rows), *values.shape[1:])
 
 
 def _chain(follows: Bool, at: I64, way: int, is_straight: bool) -> I64:

@@ -355,7 +355,7 @@ def packed(sets: Iterable[WeightedSet | None]) -> tuple[I64, I64, I32, F32]:
         if weighted_set is None:
             numbers.append(-1)
             continue
-        if not stored or not _equal(stored[-1], weighted_set):
+        if not stored or not all(map(np.array_equal, stored[-1], weighted_set)):
             stored.append(weighted_set)
         numbers.append(len(stored) - 1)
     offsets = np.concatenate([[0], np.cumsum([len(v) for v, _ in stored])]).astype(np.int64)
@@ -364,11 +364,4 @@ def packed(sets: Iterable[WeightedSet | None]) -> tuple[I64, I64, I32, F32]:
         offsets,
         np.concatenate([np.zeros(0, np.int32), *(v for v, _ in stored)]),
         np.concatenate([np.zeros(0, np.float32), *(w for _, w in stored)]),
-    )
-
-
-def _equal(first: WeightedSet, second: WeightedSet) -> bool:
-    """Test two sets for equal vertices and weights."""
-    return (first[0] is second[0] and first[1] is second[1]) or (
-        np.array_equal(first[0], second[0]) and np.array_equal(first[1], second[1])
     )

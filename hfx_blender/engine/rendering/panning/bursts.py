@@ -6,14 +6,12 @@ A moving place is taken at regular onsets only, and played there for a fixed dur
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from ...arrays import F64
-
-if TYPE_CHECKING:
-    from ..device_config import Scheme
+from ..device_config import Scheme
 
 _EARLY_S: Final = 1e-6
 """Tolerance of onsets, s: sample times are rounded."""
