@@ -40,10 +40,9 @@ def draw_moving(context: bpy.types.Context, layout: bpy.types.UILayout, which: s
     column.alert = True
     bodiless = effects.effects_without_body(context.scene)
     effect = active_effect(context) if which == "ACTIVE" else min(bodiless, key=effects.is_locked)
+    text = f"The bodies of {len(bodiless)} effects are not in this scene: not felt"
     if which == "ACTIVE" or len(bodiless) == 1:
         text = f"'{effect.name}' {effects.missing_body_reason(effect)}: not felt"
-    else:
-        text = f"The bodies of {len(bodiless)} effects are not in this scene: not felt"
     draw_text(context, column, text, "ERROR")
     bodies = effects.bodies_of(context.scene)
     layout = layout.column()
@@ -169,7 +168,8 @@ def _draw_clip(
     waveform: int,
 ) -> None:
     row = box.row(align=True)
-    row.prop(strip, "select", text="", icon="LAYER_ACTIVE" if strip.select else "LAYER_USED")
+    icon = "LAYER_ACTIVE" if strip.select else "LAYER_USED"
+    row.prop(strip, "select", text="", icon=icon, emboss=False)
     row.prop(strip, "name", text="")
     row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
     row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
