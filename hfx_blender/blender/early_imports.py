@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Final
@@ -13,16 +14,11 @@ FIT_PACKAGES: Final = (
     *("trimesh.grouping", "trimesh.geometry", "trimesh.graph", "trimesh.triangles"),
 )
 
-_has_begun = False
 
-
+@cache
 def begin() -> None:
     """Import the packages in a thread, once; a third of an ordinary fit's time. A thread holds
     Python's lock for the 20 ms of the largest package at most, so that the window stays live."""
-    global _has_begun
-    if _has_begun:
-        return
-    _has_begun = True
     # Not a daemon: Python waits for the imports, a second at most, before Blender quits.
     threading.Thread(target=_import_all, name="imports").start()
 

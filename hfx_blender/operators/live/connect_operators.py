@@ -11,7 +11,6 @@ import bpy
 from bpy.props import CollectionProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ...blender.translation import translated
-from ...devices.configurations import person_profile
 from ...devices.live import live_settings
 from ...engine.body.parts import ARMS, HANDS, HEAD, LEGS
 from ...errors import InputError
@@ -123,6 +122,12 @@ class HfxOutputPort(bpy.types.PropertyGroup):
     unit: StringProperty(name="Which One", search=_choices("units"), search_options={"SUGGESTION"})
 
 
+def _profiles() -> list[str]:
+    from ...devices.configurations import person_profile
+
+    return person_profile.names()
+
+
 class HFX_OT_live_connect(OfDevice):
     """Connect a device and play the effects"""
 
@@ -160,7 +165,7 @@ class HFX_OT_live_connect(OfDevice):
         name="Profile",
         description="Strengths that a person felt on this device, measured by hfx profile make; "
         "empty: none",
-        search=lambda _self, _context, _text: person_profile.names(),
+        search=lambda *_: _profiles(),
     )
     offset_ms: FloatProperty(
         name="Offset (ms)",
