@@ -47,6 +47,12 @@ def add_parser(commands: Any) -> None:
     sub = actions.add_parser("export", help="write the lists of trials for PsychoPy or jsPsych")
     _add_folder(sub)
     sub.add_argument("--for", dest="program", choices=("psychopy", "jspsych"), required=True)
+    sub.add_argument(
+        "--device",
+        action="append",
+        metavar="NAME",
+        help="name the files of the stimuli for this device (default: of the plan)",
+    )
     add_json(sub, _export)
     sub = actions.add_parser("import", help="take a participant's list from PsychoPy or jsPsych")
     _add_folder(sub)
@@ -127,7 +133,11 @@ def _export(options: argparse.Namespace, console: Console) -> int:
     from ..study.stimuli import StimulusLibrary, devices_of
 
     study = Study(options.folder)
-    library = StimulusLibrary(study, devices_of(study.plan, ())) if study.plan.device else None
+    library = None
+    if options.device or study.plan.device:
+        library = StimulusLibrary(study, devices_of(study.plan, options.device or ()))
+    else:
+        console.warn("hfx: the lists name no files of stimuli; name the device with --device.")
     paths = exchange.write(study, options.program, library)
     console.say(f"wrote {len(paths)} files in {paths[0].parent}")
     console.result({"files": [str(path) for path in paths]})

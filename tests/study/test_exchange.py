@@ -88,3 +88,15 @@ def test_a_bad_list_leaves_the_trials_as_they_were(
     study.data_file("01").parent.mkdir(parents=True)
     study.data_file("01").write_text("onset\n")
     assert run(arguments) == 2
+
+
+def test_the_device_of_the_command_gives_the_files(tmp_path: Path, capfd) -> None:
+    plan = {name: value for name, value in PLAN.items() if name != "device"}
+    folder = make(tmp_path, plan).folder
+    path = folder / "exchange" / "jspsych" / "participant-01_trials.json"
+    assert run(["study", "export", str(folder), "--for", "jspsych"]) == 0
+    assert "--device" in capfd.readouterr().err
+    assert "stimulus_first" not in json.loads(path.read_text())[0]
+    called = ["study", "export", str(folder), "--for", "jspsych", "--device", "back_pad"]
+    assert run(called) == 0
+    assert all((folder / row["stimulus_first"]).is_file() for row in json.loads(path.read_text()))
