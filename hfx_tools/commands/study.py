@@ -72,23 +72,28 @@ def _add_folder(parser: argparse.ArgumentParser) -> None:
 def _make(options: argparse.Namespace, console: Console) -> int:
     from ..study import folder
     from ..study.plan import read_plan
-    from ..study.stimuli import StimulusLibrary, devices_of
-    from ..study.stimulus_rendering import kind_of
+    from ..study.plan_values import kind_of, labels_of, refuse_values
+    from ..study.stimuli import StimulusLibrary, conditions_of, devices_of
 
+    plan = read_plan(options.plan)
+    refuse_values(plan)
+    conditions_of(plan)
     study = folder.make(options.plan, options.output)
     # Takes are named relative to the original plan.
-    study.plan = read_plan(options.plan)
+    study.plan = plan
     count = 0
+    has_devices = "device" in {**plan.factors, **plan.random, **plan.compare}
     try:
-        if options.device or study.plan.device or kind_of(study.plan) == "file":
-            devices = devices_of(study.plan, options.device or ())
+        if options.device or plan.device or has_devices or kind_of(plan) == "file":
+            devices = devices_of(plan, options.device or ())
             progress = console.progress("stimuli")
             count = len(StimulusLibrary(study, devices, progress))
     except BaseException:
         shutil.rmtree(options.output, ignore_errors=True)
         raise
+    for name in labels_of(plan):
+        console.warn(f"{options.plan}: no stimulus depends on factors.{name}.")
     training, trials = study.trials(folder.label_of(1))
-    plan = study.plan
     console.say(
         f"{options.output}: {plan.participants} participants, {len(trials)} trials each, "
         f"{len(training)} of training, {count} stimuli"

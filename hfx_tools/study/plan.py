@@ -28,6 +28,8 @@ from hfx_blender.files.json_shapes import (
 )
 from hfx_blender.text import printable
 
+from .parameters import RANGES
+
 Value = float | int | str
 """Value of a factor, as in the plan."""
 
@@ -48,6 +50,7 @@ _SCALE: Final = strict(
     {"id": _FACTOR, "text": PRINTABLE},
     {"lowest": PRINTABLE, "highest": PRINTABLE, "steps": Number(2, 9, is_whole=True)},
 )
+_FIXED: Final = ("strength", "speed_mm_s", "duration_ms", "frequency_hz")
 _COMMON: Final[Mapping[str, Shape]] = {
     "title": PRINTABLE,
     "seed": Number(0, 2**32, is_whole=True),
@@ -68,10 +71,7 @@ _COMMON: Final[Mapping[str, Shape]] = {
         {
             "kind": Text(("auto", "line", "steady", "stroke", "file")),
             "path": PRINTABLE,
-            "strength": Number(0, 1),
-            "speed_mm_s": Number(1, 1000, "mm/s"),
-            "duration_ms": Number(10, 60_000, "ms"),
-            "frequency_hz": Number(1, 1000, "Hz"),
+            **{name: RANGES[name] for name in _FIXED},
         },
     ),
     "texts": strict({}, dict.fromkeys(("welcome", "question", "pause", "end"), PRINTABLE)),

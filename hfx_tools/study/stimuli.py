@@ -28,7 +28,8 @@ from ..formats import csv_reader
 from .design import FIRST, SECOND, Trial
 from .folder import Study
 from .plan import MAX_ROWS, Conditions, Plan, Value, as_text, combinations
-from .stimulus_rendering import kind_of, relevant_factors, rendered
+from .plan_values import kind_of, relevant_factors
+from .stimulus_rendering import rendered
 from .tables import read_table, write_table
 
 FOLDER: Final = "stimuli"
@@ -88,7 +89,7 @@ def conditions_of(plan: Plan) -> list[Conditions]:
 def devices_of(plan: Plan, named: Sequence[str]) -> list[str]:
     """Devices of a session: the values of the factor "device", else the named one or the plan's.
     InputError without a device, and for several."""
-    values = plan.factors.get("device") or plan.compare.get("device")
+    values = {**plan.factors, **plan.random, **plan.compare}.get("device")
     if values is not None:
         return [as_text(value) for value in values]
     names = list(dict.fromkeys(named)) or [plan.device]

@@ -8,67 +8,29 @@ over a material, and a file or sensation.
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any, Final, get_args
+from typing import Any, Final, NoReturn
 
 import numpy as np
 
 from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.engine.rendering.device_config import BodyPlace, DeviceConfig, Scheme, SchemeName
+from hfx_blender.engine.rendering.device_config import BodyPlace, DeviceConfig, Scheme
 from hfx_blender.engine.rendering.panning.bursts import Bursts, rhythm_s
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.engine.rendering.schemes import panned_layout
 from hfx_blender.errors import InputError
 
+from .parameters import COMPASS, LAWS, STRENGTHS, allowed_instead
 from .plan import Conditions, Plan, Value, as_text
+from .plan_values import kind_of
 from .stimulus_files import file_raster, raster_of
-
-COMPASS: Final = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
-_LAWS: Final = {"linear": "linear", "log": "log", "logarithmic": "log", "power": "power"}
-_SCHEMES: Final = get_args(SchemeName)
-_STRENGTHS: Final = ("strength", "amplitude", "intensity")
-_COMMON: Final = frozenset({"device", "duration_ms", *_STRENGTHS, "level_db"})
-PARAMETERS: Final = {
-    "line": _COMMON | {"scheme", "direction", "frequency_hz"},
-    "steady": _COMMON | {"actuator", "frequency_hz"},
-    "stroke": _COMMON | {"surface", "speed_mm_s"},
-    "file": _COMMON | {"scheme", "take", "effect"},
-}
-"""Factors with an effect on the stimulus, by kind."""
 
 _DEFAULTS: Final[dict[str, Value]] = {"strength": 0.5, "duration_ms": 500.0, "speed_mm_s": 100.0}
 _STROKE_TEXELS: Final = 512
-
-
-def kind_of(plan: Plan) -> str:
-    """Kind of a plan's stimuli, a key of ``PARAMETERS``."""
-    kind = str(plan.stimulus.get("kind", "auto"))
-    if kind != "auto":
-        return kind
-    names = {*plan.factors, *plan.compare, *plan.random, plan.level_factor}
-    for kind, sign in (("file", {"take", "effect"}), ("stroke", {"surface"})):
-        if names & sign:
-            return kind
-    return "line" if "direction" in names else "steady"
-
-
-def relevant_factors(plan: Plan) -> frozenset[str]:
-    """Factors that the stimuli depend on. InputError for a compared, identified or varied factor
-    without an effect, as all of its stimuli would be equal."""
-    kind = kind_of(plan)
-    known = PARAMETERS[kind] | set(re.findall(r"\{(\w+)\}", str(plan.stimulus.get("path", ""))))
-    varied = {*plan.compare, plan.identify, plan.level_factor} - {""}
-    for name in sorted(varied - known):
-        raise InputError(
-            f"{plan.path}: '{name}' is compared, but no stimulus of the kind {kind} depends on it; "
-            f"allowed are {', '.join(sorted(known))}."
-        )
-    return known & {*plan.factors, *plan.random, *plan.compare, *varied}
 
 
 def rendered(plan: Plan, conditions: Conditions, device: DeviceConfig) -> Raster:
@@ -76,12 +38,13 @@ def rendered(plan: Plan, conditions: Conditions, device: DeviceConfig) -> Raster
     device or kind cannot have."""
     settings = {**_DEFAULTS, **plan.stimulus, **conditions}
     check = _Checked(plan, settings)
-    device = _with_scheme(device, settings.get("scheme"), plan)
+    if "scheme" in settings:
+        device = _with_scheme(device, str(check.value("scheme")))
     kind = kind_of(plan)
     if kind == "file":
         is_cut = "duration_ms" in {**plan.stimulus, **conditions}
-        has_strength = not _COMMON.isdisjoint(
-            {**plan.stimulus, **conditions}.keys() - {"device", "duration_ms"}
+        has_strength = not {*STRENGTHS, "level_db"}.isdisjoint(
+            {**plan.stimulus, **conditions}.keys()
         )
         raster = file_raster(plan, conditions, device)
         if is_cut:
@@ -104,44 +67,47 @@ class _Checked:
     def __init__(self, plan: Plan, settings: dict[str, Any]) -> None:
         self._plan, self._settings = plan, settings
 
-    def number(self, name: str, lowest: float, highest: float) -> float:
+    def value(self, name: str) -> Any:
+        """Value of a parameter that is allowed for every device; InputError for a missing one."""
+        if name not in self:
+            raise InputError(f"{self._plan.path}: the factor '{name}' is missing.")
         value = self._settings[name]
-        if isinstance(value, str) or not lowest <= value <= highest:
-            self.fail(name, f"a number from {lowest:g} to {highest:g}")
-        return float(value)
+        allowed = allowed_instead(name, value)
+        if allowed:
+            self.fail(name, allowed)
+        return value
 
-    def fail(self, name: str, allowed: str) -> None:
-        value = as_text(self._settings[name])[:60]
-        raise InputError(f"{self._plan.path}: {name} is '{value}', allowed is {allowed}.")
+    def number(self, name: str) -> float:
+        return float(self.value(name))
+
+    def fail(self, name: str, allowed: str) -> NoReturn:
+        value = self._settings[name]
+        shown = f"'{value[:60]}'" if isinstance(value, str) else repr(value)
+        raise InputError(f"{self._plan.path}: {name} is {shown}, allowed is {allowed}.")
 
     def __contains__(self, name: str) -> bool:
         return name in self._settings
 
     @property
     def seconds(self) -> float:
-        return self.number("duration_ms", 10, 60_000) / 1000.0
+        return self.number("duration_ms") / 1000.0
 
     @property
     def strength(self) -> float:
         """Share of the actuators' range, 0..1."""
-        strength = self.number("strength", 0, 1)
-        for name in _STRENGTHS[1:]:
+        strength = self.number("strength")
+        for name in STRENGTHS[1:]:
             if name in self:
-                strength = self.number(name, 0, 1)
+                strength = self.number(name)
         if "level_db" in self:
-            strength = 10.0 ** (self.number("level_db", -120, 0) / 20.0)
+            strength = 10.0 ** (self.number("level_db") / 20.0)
         return strength
 
     @property
     def angle_rad(self) -> float:
         """Direction, counted from the right against the clock: compass, or degrees from north."""
-        value = self._settings["direction"]
-        if value in COMPASS:
-            degrees = 45.0 * COMPASS.index(value)
-        else:
-            if isinstance(value, str):
-                self.fail("direction", f"one of {', '.join(COMPASS)}, or degrees from north")
-            degrees = self.number("direction", -360, 360)
+        value = self.value("direction")
+        degrees = 45.0 * COMPASS.index(value) if value in COMPASS else float(value)
         return math.radians(90.0 - degrees)
 
     def text(self, name: str) -> str:
@@ -154,20 +120,13 @@ def _rate_hz(device: DeviceConfig) -> int:
     return round(min(max(1000.0 / fastest, 20.0), 200.0))
 
 
-def _with_scheme(device: DeviceConfig, scheme: Value | None, plan: Plan) -> DeviceConfig:
-    """Device with a rendering scheme, or a law of the barycentric scheme; None: as configured."""
-    if scheme is None:
-        return device
-    if scheme in _LAWS:
-        name = device.scheme.name if device.scheme.name == "surface" else "barycentric"
-        law: Any = _LAWS[str(scheme)]
-        return replace(device, scheme=Scheme(name, law=law))
-    if scheme not in _SCHEMES:
-        allowed = ", ".join((*_SCHEMES, *_LAWS))
-        raise InputError(
-            f"{plan.path}: scheme is '{as_text(scheme)[:60]}', allowed is one of {allowed}."
-        )
-    return device.rendered_by(str(scheme))
+def _with_scheme(device: DeviceConfig, scheme: str) -> DeviceConfig:
+    """Device with a rendering scheme, or a law of the barycentric scheme."""
+    if scheme not in LAWS:
+        return device.rendered_by(scheme)
+    name = device.scheme.name if device.scheme.name == "surface" else "barycentric"
+    law: Any = LAWS[scheme]
+    return replace(device, scheme=Scheme(name, law=law))
 
 
 def _neutral(device: DeviceConfig, count: int) -> F64:
@@ -194,7 +153,7 @@ def _vibrating(device: DeviceConfig) -> list[int]:
 
 
 def _hertz(check: _Checked) -> float | None:
-    return check.number("frequency_hz", 1, 1000) if "frequency_hz" in check else None
+    return check.number("frequency_hz") if "frequency_hz" in check else None
 
 
 def _steady(device: DeviceConfig, check: _Checked, count: int, rate_hz: float) -> F64:
@@ -248,17 +207,11 @@ def _line(device: DeviceConfig, check: _Checked, count: int, rate_hz: float) -> 
 def _stroke(device: DeviceConfig, check: _Checked, count: int, rate_hz: float) -> F64:
     """Stroke over a material at constant speed, on all vibration actuators; the strongest moment
     has the strength of the stimulus."""
-    from hfx_blender.engine.texture.procedural import MATERIALS
     from hfx_blender.engine.texture.stroke import line
     from hfx_blender.engine.texture.stroke_rendering import render_stroke
 
-    if "surface" not in check or check.text("surface") not in MATERIALS:
-        allowed = f"one of {', '.join(MATERIALS)}"
-        if "surface" in check:
-            check.fail("surface", allowed)
-        raise InputError(f"a stroke needs the factor 'surface', allowed is {allowed}.")
-    texture = _texture(check.text("surface"))
-    speed_m_s = check.number("speed_mm_s", 1, 1000) / 1000.0
+    texture = _texture(str(check.value("surface")))
+    speed_m_s = check.number("speed_mm_s") / 1000.0
     # One more step than is played: a stroke of whole steps may end early by rounding.
     stroke = line((0.0, 0.0), 0.35, speed_m_s * (count + 1) / rate_hz, speed_m_s)
     signal = render_stroke(texture, stroke, step_s=1.0 / rate_hz)

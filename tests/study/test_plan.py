@@ -223,6 +223,116 @@ def test_a_bad_plan_is_refused_with_field_and_allowed_values(
     assert not (tmp_path / "s").exists()
 
 
+_PAIRS: dict[str, Any] = json.loads(EXAMPLE)
+_TWO_INTERVALS: dict[str, Any] = {"name": "p", "design": "2afc"}
+BAD_VALUES = [
+    ("compare", {"scheme": ["linear", "quadratic"]}, 'compare.scheme[1] is "quadratic", ', "vbap"),
+    ("compare", {"scheme": [1, 2]}, "compare.scheme[0] is 1, ", "one of "),
+    ("compare", {"colour": ["red", "green"]}, "'colour' is compared, ", "direction, duration_ms"),
+    ("compare", {"strength": [0.5, 2.0]}, "compare.strength[1] is 2.0, ", "a number from 0 to 1."),
+    ("compare", {"device": ["back_pad", "x"]}, "compare.device[1]: ", "back_pad"),
+    ("factors", {"duration_ms": [0]}, "factors.duration_ms[0] is 0, ", "from 10 to 60000 ms."),
+    (
+        "factors",
+        {"duration_ms": [50, 1e12]},
+        "duration_ms[1] is 1000000000000.0, ",
+        "10 to 60000 ms",
+    ),
+    ("factors", {"duration_ms": ["500"]}, 'duration_ms[0] is "500", ', "a number from 10"),
+    ("factors", {"direction": ["N", "NNX"]}, 'factors.direction[1] is "NNX", ', "one of N, NE, E"),
+    ("factors", {"direction": [400]}, "factors.direction[0] is 400, ", "from -360 to 360"),
+    ("factors", {"amplitude": [-0.1]}, "factors.amplitude[0] is -0.1, ", "from 0 to 1"),
+    ("factors", {"level_db": [6]}, "factors.level_db[0] is 6, ", "from -120 to 0 dB"),
+    ("factors", {"speed_mm_s": [0]}, "factors.speed_mm_s[0] is 0, ", "from 1 to 1000 mm/s"),
+    ("random", {"frequency_hz": [2000]}, "random.frequency_hz[0] is 2000, ", "1 to 1000 Hz"),
+    ("stimulus", {"kind": "stroke"}, "'surface' is missing", "fabric-denim"),
+]
+
+
+@pytest.mark.parametrize(
+    ("table", "change", "fault", "allowed"), BAD_VALUES, ids=[case[2] for case in BAD_VALUES]
+)
+def test_a_value_for_no_device_is_refused_without_a_device(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    table: str,
+    change: dict[str, Any],
+    fault: str,
+    allowed: str,
+) -> None:
+    document = _PAIRS | {table: change}
+    if table == "factors":
+        document[table] = {"direction": ["N"]} | change
+    if table == "stimulus":
+        document |= {"factors": {}, "compare": {"strength": [0.2, 0.4]}}
+    _refused(tmp_path, capsys, document, fault, allowed)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault", "allowed"),
+    [
+        ({"levels": {"strength": [0.5, 1.5]}}, "levels.strength[1] is 1.5, ", "from 0 to 1."),
+        ({"levels": {"duration_ms": [50, 60]}}, "'reference' is missing", "from 10 to 60000 ms"),
+        (
+            {"levels": {"frequency_hz": [50, 60]}, "reference": 0.5},
+            "reference is 0.5, ",
+            "1 to 1000 Hz of frequency_hz",
+        ),
+        ({"levels": {"loudness": [1, 2]}}, "'loudness' is compared, ", "strength"),
+    ],
+)
+def test_levels_and_reference_are_checked_without_a_device(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: dict[str, Any],
+    fault: str,
+    allowed: str,
+) -> None:
+    _refused(tmp_path, capsys, _TWO_INTERVALS | change, fault, allowed)
+
+
+def _refused(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    document: dict[str, Any],
+    fault: str,
+    allowed: str,
+) -> None:
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(document))
+    assert run(["study", "make", str(path), "-o", str(tmp_path / "s")]) == 3
+    line = capsys.readouterr().err
+    assert line.startswith(f"hfx: {path}: ") and line.count("\n") == 1
+    assert fault in line and allowed in line.split(fault)[1]
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"compare": {"scheme": ["vbap", "nearest", "log"]}},
+        {"factors": {"direction": [-360, 22.5, "NW"], "duration_ms": [10, 60000]}},
+        {"compare": {"strength": [0, 1], "level_db": [-120, 0]}},
+        {"random": {"square": ["left", 2]}},
+    ],
+)
+def test_values_at_the_ends_and_random_labels_are_accepted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, Any]
+) -> None:
+    (tmp_path / "plan.json").write_text(json.dumps(_PAIRS | change))
+    assert run(["study", "make", str(tmp_path / "plan.json"), "-o", str(tmp_path / "s")]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_factor_without_effect_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = _PAIRS | {"factors": {"direction": ["N"], "visit": [1, 2]}}
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    assert run(["study", "make", str(tmp_path / "plan.json"), "-o", str(tmp_path / "s")]) == 0
+    assert "no stimulus depends on factors.visit" in capsys.readouterr().err
+
+
 def test_a_missing_plan_names_the_shipped_plans(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["study", "make", "mango", "-o", "s"]) == 3
     assert "shipped plans are: board, mango96, textile-pse" in capsys.readouterr().err

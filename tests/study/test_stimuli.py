@@ -77,7 +77,7 @@ def test_a_steady_stimulus_has_strength_frequency_and_duration() -> None:
 @pytest.mark.parametrize(
     ("conditions", "message"),
     [
-        ({"strength": 2}, "strength is '2', allowed is a number from 0 to 1"),
+        ({"strength": 2}, "strength is 2, allowed is a number from 0 to 1"),
         ({"duration_ms": "long"}, "duration_ms is 'long', allowed is a number from 10 to 60000"),
         ({"actuator": "x"}, "actuator is 'x', allowed is one of "),
         ({"direction": "up"}, "direction is 'up', allowed is one of N, NE, E"),
@@ -152,6 +152,44 @@ def test_takes_are_files_next_to_the_plan(tmp_path: Path) -> None:
     # Takes are not there any more for another device.
     with pytest.raises(InputError, match="make the study again with --device back_pad"):
         StimulusLibrary(folder.Study(target), ["back_pad"])
+
+
+def test_a_path_with_factors_chooses_files(tmp_path: Path) -> None:
+    """Factors of a path have values of their own: "up" is no direction of a line."""
+    device = load_device("phone_wide_band")
+    names = [f"{c.actuator}.{c.parameter} [{c.unit}]" for c in _columns(device)]
+    for name, strength in (("up", 1), ("down", 4)):
+        rows = [f"{0.01 * k:g},{strength},100\n" for k in range(9)]
+        (tmp_path / f"{name}.csv").write_text(",".join(["time_s", *names]) + "\n" + "".join(rows))
+    plan = {
+        "name": "takes",
+        "design": "paired",
+        "compare": {"direction": ["up", "down"]},
+        "stimulus": {"path": "{direction}.csv"},
+    }
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    target = tmp_path / "s"
+    arguments = ["study", "make", str(tmp_path / "plan.json"), "-o", str(target)]
+    assert run([*arguments, "--device", "phone_wide_band"]) == 0
+    library = StimulusLibrary(folder.Study(target), ["phone_wide_band"])
+    assert np.all(library[{"direction": "down"}].values[:, 0] == 4.0)
+
+
+def test_a_random_device_is_a_device_of_the_session(tmp_path: Path) -> None:
+    (tmp_path / "plan.json").write_text(
+        json.dumps(
+            {
+                "name": "p",
+                "design": "paired",
+                "compare": {"strength": [0.2, 0.6]},
+                "random": {"device": ["back_pad", "mango_pad"]},
+            }
+        )
+    )
+    target = tmp_path / "s"
+    assert run(["study", "make", str(tmp_path / "plan.json"), "-o", str(target)]) == 0
+    rows = read_table(target / "stimuli" / "stimuli.tsv")
+    assert sorted(row["device"] for row in rows) == ["back_pad"] * 2 + ["mango_pad"] * 2
 
 
 def test_a_missing_take_leaves_no_folder(
