@@ -138,6 +138,37 @@ def test_a_file_that_begins_with_a_beat_begins_with_a_transient() -> None:
     assert [tick.time_s < 0.01 for tick in signal.transients] == [True]
 
 
+@pytest.mark.parametrize("rate", RATES)
+def test_a_constant_offset_is_silence(rate: int) -> None:
+    signal = follow(np.full(2 * rate, 0.5), rate)
+    assert not signal.transients and not signal.amplitude.values.any()
+    assert not follow(0.5 + 0.4 * np.sin(2.0 * np.pi * 200.0 * times(rate)), rate).transients
+
+
+@pytest.mark.parametrize(("swell", "hertz"), ((4.0, 60.0), (4.0, 250.0), (8.0, 2000.0)))
+def test_the_cut_of_a_tone_is_no_onset(swell: float, hertz: float) -> None:
+    t = times(8000, 4.0)
+    sound = (0.5 + 0.45 * np.sin(2.0 * np.pi * swell * t)) * np.sin(2.0 * np.pi * hertz * t)
+    assert not follow(sound, 8000).transients
+
+
+def test_a_click_shortly_before_the_end_is_an_onset() -> None:
+    sound = np.zeros(16_000)
+    sound[15_840:] = np.exp(-np.arange(160) / 24.0) * np.cos(np.arange(160))
+    (tick,) = follow(sound, 8000).transients
+    assert tick.time_s == pytest.approx(1.98, abs=0.01)
+
+
+def test_a_gap_of_samples_that_are_not_finite_is_bridged() -> None:
+    """A gap of 1.25 ms in a note is no onset; one of 0.2 s is silent."""
+    tone = np.sin(2.0 * np.pi * 200.0 * times(8000, 2.0))
+    tone[4000:4010] = np.nan
+    signal = follow(tone, 8000)
+    assert not signal.transients and signal.amplitude.at(0.5) > 0.9
+    tone[4000:5600] = np.nan
+    assert follow(tone, 8000).amplitude.at(0.6) == 0.0
+
+
 def test_the_frequency_is_the_centroid_on_the_range_of_the_device() -> None:
     """Two equal tones have their mean as centroid; its logarithm over the band is the share."""
     t = times(8000)

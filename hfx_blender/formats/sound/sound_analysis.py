@@ -41,6 +41,7 @@ _RARE: Final = 4.0  # multiple of the usual rises of a band that an onset exceed
 _APART: Final = 25  # frames between two onsets, at least
 _PERIOD: Final = 30  # frames: pulses closer than this are a tone
 _LAG: Final = 4  # frames of the rise of an onset, at least
+_CUT: Final = 15  # frames before the end of a sound that its end disturbs
 _PART: Final = 0.01  # least share of the power in bands with an onset
 
 
@@ -74,12 +75,11 @@ def followed(
 
     The loudest moment gets the amplitude ``settings.strength``. The logarithm of the centroid, over
     the band, spans the frequencies of the device. Powers of channels are averaged, so opposite
-    channels do not cancel. Samples that are not finite are silent, and noted. Raises InputError for
-    a sound without samples, a rate that is not 100 to 768,000 Hz, or a band above half the rate,
+    channels do not cancel. Samples that are not finite are bridged by lines, and noted. Raises
+    InputError for no samples, a rate that is not 100 to 768,000 Hz, or a band above half the rate,
     and TooLargeError for too many channels; ``name`` begins the message.
     """
     from scipy.ndimage import convolve1d
-    from scipy.signal.windows import hann
 
     if not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
         raise InputError(f"{name}: has {rate_hz} samples a second; allowed are 100 to 768000.")
@@ -88,7 +88,7 @@ def followed(
         raise InputError(f"{name}: has {rate_hz} samples a second, so it ends below {low:g} Hz.")
     counts = np.zeros(2, np.int64)
     core = slice(_MARGIN_S * FRAME_HZ, (_MARGIN_S + _CORE_S) * FRAME_HZ)
-    window = hann(2 * round(settings.smoothing_s * FRAME_HZ / 2.0) + 3)[1:-1]
+    window = np.hanning(2 * round(settings.smoothing_s * FRAME_HZ / 2.0) + 3)[1:-1]
     levels, pitches = [np.zeros(0)], [np.zeros(0)]
     centres, _ = _centres((low, high))
     ticks: list[tuple[int, float]] = []
@@ -98,13 +98,9 @@ def followed(
         levels.append(np.sqrt(power[core]))
         pitches.append((moment[core] / power[core].clip(1e-20)).clip(low, high))
         first = number * _CORE_S * FRAME_HZ - core.start  # in the sound, of the part
-        ends = ceil(counts[0] / rate_hz * FRAME_HZ)
-        span = max(-first, 0), min(ends - first, len(powers))
-        ticks += [
-            (first + frame, peak)
-            for frame, peak in _onsets(powers, centres, *span)
-            if core.start <= frame < core.stop
-        ]
+        span = max(-first, 0), min(ceil(counts[0] / rate_hz * FRAME_HZ) - first, len(powers))
+        onsets = _onsets(powers, centres, *span)
+        ticks += [(first + k, peak) for k, peak in onsets if core.start <= k < core.stop]
     if not counts[0]:
         raise InputError(f"{name}: holds no sound.")
     duration_s = float(counts[0] / rate_hz)
@@ -127,7 +123,7 @@ def followed(
         for frame, peak in ticks
         if frame < len(times) and peak > gate
     )
-    notes = (f"{counts[1]} samples are no finite numbers, and count as silence",)
+    notes = (f"{counts[1]} samples are no finite numbers: lines bridge them, silent if long",)
     return Signal(
         name,
         Curve(np.r_[0.0, times[keys], ends], np.r_[amplitude[0], amplitude[keys], 0.0]),
@@ -146,18 +142,29 @@ def _parts(
     begun, joined = 0, np.zeros((0, 0), np.float32)
     for block in blocks:
         if not joined.size:
-            needed = 8.0 * length * block.shape[1]
-            limits.MEMORY.check(needed, name, "half a minute of it would take")
+            limits.MEMORY.check(8.0 * length * block.shape[1], name, "half a minute would take")
             joined = np.zeros((_MARGIN_S * rate_hz, block.shape[1]), np.float32)
-        is_finite = np.isfinite(block)
-        counts += len(block), np.count_nonzero(~is_finite)
-        joined = np.concatenate([joined, np.where(is_finite, block, np.float32(0.0))])
+        counts += len(block), np.count_nonzero(~np.isfinite(block))
+        joined = np.concatenate([joined, block])
         while len(joined) >= length:
-            yield joined[:length]
+            yield _mended(joined[:length], begun, rate_hz)
             begun, joined = begun + core, joined[core:]
     while begun < counts[0]:
-        yield np.pad(joined[:length], ((0, max(length - len(joined), 0)), (0, 0)))
+        yield _mended(joined[:length], begun, rate_hz)
         begun, joined = begun + core, joined[core:]
+
+
+def _mended(part: npt.NDArray[np.float32], begun: int, rate_hz: int) -> npt.NDArray[np.float32]:
+    """Part (n, channels) without the sound's offset; gaps that are not finite become lines."""
+    margin, length = max(_MARGIN_S * rate_hz - begun, 0), (_CORE_S + 2 * _MARGIN_S) * rate_hz
+    sound = part[margin:].copy()
+    for column in sound.T:
+        known = np.flatnonzero(np.isfinite(column))
+        if len(known) < len(column):
+            column[:] = np.interp(range(len(column)), known, column[known]) if len(known) else 0.0
+    # The step from an offset to the silence around the sound would be a click.
+    sound -= sound.mean(0, np.float64)
+    return np.pad(sound, ((margin, length - len(part)), (0, 0)))
 
 
 def _bands(
@@ -167,11 +174,9 @@ def _bands(
     mean frequency (Hz), of a part (n, channels) of whole seconds."""
     from scipy.fft import ifft, rfft
 
-    seconds, channels = len(part) // rate_hz, part.shape[1]
-    low, high = band_hz
+    (low, high), seconds, channels = band_hz, len(part) // rate_hz, part.shape[1]
     centres, step = _centres(band_hz)
-    count = len(centres)
-    powers = np.zeros((2, seconds * FRAME_HZ, count))
+    powers = np.zeros((2, seconds * FRAME_HZ, len(centres)))
     for channel in range(channels):
         spectrum = rfft(part[:, channel]) * (2.0 / len(part))
         for k, centre in enumerate(centres.tolist()):
@@ -180,14 +185,14 @@ def _bands(
             stop = min(int(min(high, 2.0 ** (centre + step)) * seconds) + 1, len(spectrum))
             hertz = np.arange(first, stop) / seconds
             way = (np.log2(hertz) - centre) / step
-            way = np.clip(way, -1.0 if k else 0.0, 1.0 if k + 1 < count else 0.0)
+            way = np.clip(way, -1.0 if k else 0.0, 1.0 if k + 1 < len(centres) else 0.0)
             bins = spectrum[first:stop] * np.cos(np.pi / 2.0 * way)
             # The band is moved to 0 Hz, where few samples a frame hold its power.
             fold = max(1, ceil(2 * (stop - first) / (seconds * FRAME_HZ)))
             size = seconds * FRAME_HZ * fold
             signal, product = ifft(bins, size) * size, ifft(bins * hertz, size) * size
-            for row, values in enumerate((abs(signal) ** 2, (signal.conj() * product).real)):
-                powers[row, :, k] += values.reshape(-1, fold).mean(1) / channels
+            values = np.stack((abs(signal) ** 2, (signal.conj() * product).real))
+            powers[:, :, k] += values.reshape(2, -1, fold).mean(2) / channels
     return powers[0], powers[1]
 
 
@@ -207,9 +212,8 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     """
     from scipy.ndimage import convolve1d, maximum_filter1d, uniform_filter1d
     from scipy.signal import find_peaks
-    from scipy.signal.windows import hann
 
-    window = hann(7)[1:-1]
+    window = np.hanning(7)[1:-1]
     power = convolve1d(powers, window / window.sum(), axis=0)
     total = power.sum(1)
     near = maximum_filter1d(total, 2 * _NEAR + 1)
@@ -220,10 +224,8 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     least = np.append(np.full(len(centres), _RISE_DB), _RISE_OF_ALL_DB)
     # A band of width B needs 1 / B seconds to rise.
     lags = [*np.ceil(0.6 * FRAME_HZ / 2.0**centres).astype(int).tolist(), _LAG]
-    before = np.stack(
-        [_largest(level[:, k], -_PERIOD, -max(lag, _LAG)) for k, lag in enumerate(lags)], axis=1
-    )
-    rise = np.maximum(level - before, 0.0)
+    before = [_largest(level[:, k], -_PERIOD, -max(lag, _LAG)) for k, lag in enumerate(lags)]
+    rise = np.maximum(level - np.stack(before, 1), 0.0)
     starts = np.arange(0, len(rise), _NEAR // 4)
     # The silence before and after the sound does not count as usual.
     firsts = np.clip(starts - _NEAR, begin, max(end - 2 * _NEAR, begin))
@@ -237,7 +239,10 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     # The end of a tone is a click, too, of all bands: the total does not rise there.
     earlier = _largest(total, -_APART, -_LAG)
     after = np.roll(uniform_filter1d(total, _APART), -_APART // 2 - 8)
-    is_kept = (_largest(total, -2, 8) >= 1.25 * earlier) | (after >= 0.5 * earlier)
+    # The cut at the end of the sound is a click unless the total rises like an onset.
+    is_cut = np.arange(len(total)) >= end - _CUT
+    least_total = earlier * np.where(is_cut, 10.0 ** (_RISE_DB / 10.0), 1.25)
+    is_kept = (_largest(total, -2, 8) >= least_total) | ~is_cut & (after >= 0.5 * earlier)
     frames, _ = find_peaks(np.where(is_part & is_kept, excess.sum(1), 0.0), distance=_APART)
     rest = total[begin + 2 * _APART : min(begin + 10 * _APART, end)]
     later = np.median(rest) if begin and len(rest) else 0.0
@@ -256,6 +261,5 @@ def _largest(values: F64, first: int, last: int) -> F64:
     """Largest of the values (frames, ...) from ``first`` to ``last`` frames after each frame."""
     from scipy.ndimage import maximum_filter1d
 
-    size = last - first + 1
-    centred = maximum_filter1d(values, size, axis=0, mode="constant")
-    return np.roll(centred, -(first + size // 2), axis=0)
+    centred = maximum_filter1d(values, last - first + 1, axis=0, mode="constant")
+    return np.roll(centred, -(first + (last - first + 1) // 2), axis=0)

@@ -281,15 +281,8 @@ def head(bits: int, channel_count: int, rate_hz: int, sample_count: int) -> byte
     frame_bytes = channel_count * bits // 8
     # Microsoft requires the extensible form here, and players refuse the plain form.
     is_extensible = channel_count > 2 or bits == 24
-    form = struct.pack(
-        "<HHIIHH",
-        _EXTENSIBLE if is_extensible else _PCM,
-        channel_count,
-        rate_hz,
-        rate_hz * frame_bytes,
-        frame_bytes,
-        bits,
-    )
+    kind, rates = _EXTENSIBLE if is_extensible else _PCM, (rate_hz, rate_hz * frame_bytes)
+    form = struct.pack("<HHIIHH", kind, channel_count, *rates, frame_bytes, bits)
     if is_extensible:
         form += struct.pack("<HHIH", 22, bits, 0, _PCM) + _SUBTYPE_TAIL
     data_bytes = sample_count * frame_bytes  # the pad byte of an odd size is not counted

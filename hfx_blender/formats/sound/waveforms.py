@@ -61,7 +61,6 @@ def added(waveforms: Sequence[Waveform], name: str) -> Waveform:
     for waveform in waveforms:
         first, part = round((waveform.start_s - start) * rate), waveform.values
         if waveform.rate_hz != rate:
-            # Slower waveforms are interpolated linearly.
             times = np.arange(int((waveform.end_s - waveform.start_s) * rate)) / rate
             part = np.interp(times, np.arange(len(part)) / waveform.rate_hz, part)
         part = part[: count - first]
