@@ -157,8 +157,11 @@ def _record(shape: Record, names: _Names) -> dict[str, Any]:
         schema["oneOf"] = [{"required": [key]} for key in shape.one_of]
     if shape.needs:
         schema["dependentRequired"] = {key: [needed] for key, needed in shape.needs.items()}
-    for key, needed in shape.needs.items():
-        if isinstance(members[needed], Flag):
-            schema["if"] = {"required": [key]}
-            schema["then"] = {"properties": {needed: {"const": True}}}
+    conditions = [
+        {"if": {"required": [key]}, "then": {"properties": {needed: {"const": True}}}}
+        for key, needed in shape.needs.items()
+        if isinstance(members[needed], Flag)
+    ]
+    if conditions:
+        schema["allOf"] = conditions
     return schema

@@ -171,7 +171,7 @@ def test_front_and_back_are_one_vest_of_40_motors(player):
 # Numbers of the maker's enumeration (bhaptics/tact-python: class Position).
 @pytest.mark.parametrize(
     ("number", "position"),
-    enumerate("ForearmL ForearmR Head HandL HandR FootL FootR GloveL GloveR".split(), 1),
+    [*enumerate("ForearmL ForearmR Head HandL HandR FootL FootR GloveL GloveR".split(), 1)],
 )
 def test_positions_have_the_numbers_of_the_maker(player, number, position):
     out = opened(player.port, (position, 0), (position, 2))
