@@ -112,6 +112,8 @@ class DeviceThread:
         self.test_pulse: tuple[int, float] | None = None  # actuator, start time
         self._levels_at = 0.0
         self._levels: list[float] = []
+        self._strengths = list(device.strength_columns)
+        self._rest = device.neutral[self._strengths]
         self._hush, self._is_quiet = threading.Event(), threading.Event()
         self._has_ended = False
         self._thread = threading.Thread(target=self._run, name=device.id, daemon=True)
@@ -485,7 +487,7 @@ class DeviceThread:
             if generation != self.generation or self._clock.now() - now > FREEZE_S:
                 return False
             is_change = self._sent is None or not np.array_equal(values, self._sent)
-            self._sent = values
+            previous, self._sent = self._sent, values
             self._sending_since = now
             try:
                 if len(self._sounding) and isinstance(output, SoundingOutput):
@@ -498,7 +500,7 @@ class DeviceThread:
             was_stopped = not self.is_armed
         if was_stopped:  # a stop during the send went past the lock: once more, after the send
             self.silence()
-        self._report_levels(values, now)
+        self._report_levels(values, previous, now)
         return is_change
 
     def _with_pulse(self, values: F64, now: float) -> F64:
@@ -527,10 +529,13 @@ class DeviceThread:
         values[column] = strength.neutral + max(peak, first, key=abs)
         return values
 
-    def _report_levels(self, values: F64, now: float) -> None:
-        """Report the event "levels" if changed, and 0.1 s after the last report at the earliest:
-        distance of each strength from neutral, a share of its reach rounded to 0.01."""
-        if now < self._levels_at + _LEVELS_S:
+    def _report_levels(self, values: F64, previous: F64 | None, now: float) -> None:
+        """Report the event "levels": distance of each strength from neutral, a share of its reach
+        rounded to 0.01. Values after silence are reported at once, as studies log this time; other
+        changes 0.1 s after the last report at the earliest."""
+        was_silent = previous is None or np.array_equal(previous[self._strengths], self._rest)
+        begins = was_silent and not np.array_equal(values[self._strengths], self._rest)
+        if not begins and now < self._levels_at + _LEVELS_S:
             return
         levels = []
         for actuator, column in zip(
@@ -539,6 +544,6 @@ class DeviceThread:
             strength = actuator.type.strength
             difference = abs(float(values[column]) - strength.neutral)
             levels.append(round(difference / strength.reach, 2) if strength.reach > 0.0 else 0.0)
-        if levels != self._levels:
+        if begins or levels != self._levels:
             self._levels, self._levels_at = levels, now
             self._report("levels", self.number, levels=levels)

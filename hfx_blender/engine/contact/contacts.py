@@ -40,12 +40,6 @@ def begin(query: ContactQuery) -> Callable[[], Contacts]:
     with a warning.
     """
     if library.is_there():
-        is_copy = _copies(query)
-        if is_copy.any():
-            at = query.rows[~is_copy], query.follows[~is_copy], query.reported[~is_copy]
-            finish = begin(replace(query, rows=at[0], follows=at[1], reported=at[2]))
-            source_rows = at[0][np.cumsum(~is_copy) - 1]
-            return lambda: _with_copies(finish(), query.rows, source_rows)
         target = compiled_contacts.placed(query)
         if not target.is_usable.all():
             query = _usable(query, target.is_usable)
@@ -53,30 +47,6 @@ def begin(query: ContactQuery) -> Callable[[], Contacts]:
         return compiled_contacts.begin(query, target)
     contacts = _by_definition(query)
     return lambda: contacts
-
-
-def _copies(query: ContactQuery) -> Bool:
-    """Mask (n,) of rows whose contacts equal the row before: body and volume stand still since two
-    samples. None with contact details or separate sets."""
-    rows, matrices, index = query.rows, query.effect.matrices, query.effect.shape_index
-    is_copy = np.zeros(len(rows), np.bool_)
-    if query.asks_details or query.own_sets or len(rows) < 3:
-        return is_copy
-    assert matrices is not None
-    is_still = query.follows & query.pose.is_repeated[rows]
-    is_still &= (matrices[rows] == matrices[rows - 1]).all(axis=(1, 2))
-    if index is not None:
-        is_still &= index[rows] == index[rows - 1]
-    # Skin may be passed up to the first of two equal samples, so the second is the first copied.
-    is_copy[1:] = is_still[1:] & is_still[:-1] & (query.reported[1:] == query.reported[:-1])
-    return is_copy
-
-
-def _with_copies(hits: Contacts, rows: I64, sources: I64) -> Contacts:
-    """Contacts at ``rows`` (n,), each with the contacts of a row among ``sources`` (n,)."""
-    is_touched = np.isin(sources, hits.rows)
-    sets = hits.sets[np.searchsorted(hits.rows, sources[is_touched])]
-    return replace(hits, rows=rows[is_touched], sets=sets)
 
 
 def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:

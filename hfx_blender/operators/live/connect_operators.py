@@ -165,7 +165,7 @@ class HFX_OT_live_connect(OfDevice):
         name="Profile",
         description="Strengths that a person felt on this device, measured by hfx profile make; "
         "empty: none",
-        search=lambda *_: _profiles(),
+        search=lambda _self, _context, _text: _profiles(),
     )
     offset_ms: FloatProperty(
         name="Offset (ms)",

@@ -106,6 +106,19 @@ def test_values_arrive_and_stay(played: Playing) -> None:
     assert played.output.given[-1].tolist() == playing().tolist()
 
 
+def test_levels_after_silence_are_reported_at_once(
+    played: Playing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Studies log this report as the onset of a stimulus: no pause between reports delays it."""
+    monkeypatch.setattr(device_thread, "_LEVELS_S", 1e9)
+    for onsets in (1, 2):
+        played.play()
+        played.until(lambda onsets=onsets: played.events().count("levels") == onsets)
+        played.thread.feed(DEVICE.neutral)
+        played.until(lambda: not played.output.given[-1][::2].any())
+        played.output.given.clear()
+
+
 def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None:
     played.play()
     played.stop()

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from both_ways import by_reference, needs_library
 from coverage_synthetic import ball, evaluated, moved_along, placed, rigid, sheet
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -298,23 +297,3 @@ def test_half_a_turn_has_an_axis() -> None:
         assert motion.at(1.0)[0] == pytest.approx(after, abs=1e-6)
         halfway = motion.at(0.5)[0, :3, :3]
         assert np.trace(halfway) == pytest.approx(1.0, abs=1e-6)
-
-
-@needs_library
-@pytest.mark.parametrize("tolerance", [PAPER, STANDARD, EXACT])
-def test_samples_at_rest_equal_the_definition_and_are_evaluated_once(tolerance: Tolerance) -> None:
-    """A ball passes through skin, rests half inside, leaves fast, and rests again."""
-    stops = [(-0.3, 1), (0.3, 3), (-0.09, 6), (0.3, 1), (0.08, 2), (0.0801, 5)]
-    places = [x for x, count in stops for _ in range(count)]
-    matrices = np.stack([placed(0.03, (x, 0.0, 0.0)) for x in places])
-    weights, _, engine = evaluated(ball(0.1, 2), Sphere(), matrices, tolerance=tolerance)
-    with by_reference():
-        expected, _, _ = evaluated(ball(0.1, 2), Sphere(), matrices, tolerance=tolerance)
-    allowed = 0.01 if tolerance is STANDARD else 1e-6
-    np.testing.assert_allclose(weights, expected, atol=allowed)
-    assert weights[6].any() and weights[-1].any()
-    # 34 more samples at rest need no further posing.
-    longer = np.concatenate([matrices, np.repeat(matrices[-1:], 34, 0)])
-    more, _, later = evaluated(ball(0.1, 2), Sphere(), longer, tolerance=tolerance)
-    np.testing.assert_array_equal(more[len(matrices) :], np.repeat(weights[-1:], 34, 0))
-    assert later.counters.vertices_posed == engine.counters.vertices_posed > 0

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bursts of moving sensations, for the illusions of movement on the skin.
 
-A moving place is taken at regular onsets only, and played there for a fixed duration.
+A moving place is taken at regular onsets only, and played there for a fixed duration: after Israr
+and Poupyrev, CHI 2011 (Tactile Brush), and Geldard and Sherrick, Science 1972 (saltation).
 """
 
 from __future__ import annotations
