@@ -20,7 +20,7 @@ from ..engine.rendering.raster import Raster, unrendered
 from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
 from ..files import limits
 from ..files.hashes import sha256_of
-from ..reading.description.unfelt import NEVER_ON, NO_TOUCH, missed_warnings
+from ..reading.description.missed_effects import NEVER_ON, NO_TOUCH, missed_warnings
 from ..text import MOST_LINES, MOST_NAMES, named, printable, shortened
 from .result_files import listed
 

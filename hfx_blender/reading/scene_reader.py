@@ -31,6 +31,7 @@ from ..engine.tolerance import EXACT, Tolerance
 from ..text import shortened
 from .curves.animation_time import animation_frames, sample_frames, time_base
 from .description import scene_description, scene_settings, unfelt, visibility
+from .description.missed_effects import missed_warnings
 from .reading_pass import ReadingPass
 from .reading_plan import Plan, checked, is_same, plan_of
 from .stepped import instances, stepping
@@ -140,7 +141,7 @@ class SceneReader:
         self.unfelt = {**{name: Unfelt(why) for name, why in haptics.gone.items()}, **new}
         return (
             *clip_warnings,
-            *unfelt.missed_warnings(
+            *missed_warnings(
                 (name, reason.reason)
                 for name, reason in new.items()
                 if not (reason.is_expected or reason.is_warned)

@@ -27,7 +27,7 @@ from ...engine.counters import Unfelt, powerless_reason
 from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...engine.response.motion_estimate import OVERLAP
 from ...engine.scene import Clip, TimeBase
-from ...text import MOST_NAMES, named
+from ...text import named
 from ..curves.animation_time import animation_frames, sample_frames
 from ..stepped import stepping
 from ..stepped.reached import is_instancer, reached_from
@@ -42,8 +42,6 @@ CLIPS_OFF = (
     "has clips, none of them on the NLA track that is solo",
     "has clips, but its NLA is turned off",
 )
-NO_TOUCH = "touches no body"
-NEVER_ON = "is never on"
 OFF = "is not on at any exported time"
 _ROUNDING: Final = 1e-4  # frames: strips are single precision
 _ELSEWHERE: Final = "can be felt only outside of the exported frames"
@@ -110,19 +108,6 @@ def reasons(
             reason = _ELSEWHERE if is_part and why != OFF else why
             unfelt_effects[effect.name] = Unfelt(reason, is_part)
     return unfelt_effects, warnings_of_clips(lost, whole)
-
-
-def missed_warnings(missed: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """Warnings about unfelt effects, from (name, reason); one warning for each reason."""
-    reasons: dict[str, list[str]] = {}
-    for name, why in missed:
-        reasons.setdefault(why, []).append(name)
-    return tuple(
-        f"effect '{names[0]}' {why}: it is not felt"
-        if len(names) == 1
-        else f"effects are not felt, as each {why}: {len(names)} ({named(names, MOST_NAMES)})"
-        for why, names in reasons.items()
-    )
 
 
 def is_partial(scene: bpy.types.Scene, time: TimeBase) -> bool:

@@ -111,12 +111,15 @@ def test_levels_after_silence_are_reported_at_once(
 ) -> None:
     """Studies log this report as the onset of a stimulus: no pause between reports delays it."""
     monkeypatch.setattr(device_thread, "_LEVELS_S", 1e9)
-    for onsets in (1, 2):
-        played.play()
-        played.until(lambda onsets=onsets: played.events().count("levels") == onsets)
-        played.thread.feed(DEVICE.neutral)
-        played.until(lambda: not played.output.given[-1][::2].any())
-        played.output.given.clear()
+    loud, rest = playing(), DEVICE.neutral
+    for previous, values, onsets in (
+        (None, loud, 1),
+        (loud, rest, 1),
+        (rest, loud, 2),
+        (loud, 0.5 * loud, 2),
+    ):
+        played.thread._report_levels(values, previous, 1.0)
+        assert played.events().count("levels") == onsets
 
 
 def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None:

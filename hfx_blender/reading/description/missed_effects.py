@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Warnings about effects that are not felt; imported before Blender starts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from ...text import MOST_NAMES, named
+
+NO_TOUCH: Final = "touches no body"
+NEVER_ON: Final = "is never on"
+
+
+def missed_warnings(missed: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Warnings about unfelt effects, from (name, reason); one warning for each reason."""
+    reasons: dict[str, list[str]] = {}
+    for name, why in missed:
+        reasons.setdefault(why, []).append(name)
+    return tuple(
+        f"effect '{names[0]}' {why}: it is not felt"
+        if len(names) == 1
+        else f"effects are not felt, as each {why}: {len(names)} ({named(names, MOST_NAMES)})"
+        for why, names in reasons.items()
+    )
