@@ -106,20 +106,22 @@ def test_values_arrive_and_stay(played: Playing) -> None:
     assert played.output.given[-1].tolist() == playing().tolist()
 
 
-def test_levels_after_silence_are_reported_at_once(
-    played: Playing, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_levels_after_silence_are_reported_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Studies log this report as the onset of a stimulus: no pause between reports delays it."""
     monkeypatch.setattr(device_thread, "_LEVELS_S", 1e9)
+    played = Playing()
     loud, rest = playing(), DEVICE.neutral
-    for previous, values, onsets in (
-        (None, loud, 1),
-        (loud, rest, 1),
-        (rest, loud, 2),
-        (loud, 0.5 * loud, 2),
-    ):
-        played.thread._report_levels(values, previous, 1.0)
-        assert played.events().count("levels") == onsets
+    try:
+        for previous, values, onsets in (
+            (None, loud, 1),
+            (loud, rest, 1),
+            (rest, loud, 2),
+            (loud, 0.5 * loud, 2),
+        ):
+            played.thread._report_levels(values, previous, 1.0)
+            assert played.events().count("levels") == onsets
+    finally:
+        played.thread.close("the test is over")
 
 
 def test_a_stop_is_sent_three_times_and_nothing_follows(played: Playing) -> None:
