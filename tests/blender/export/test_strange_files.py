@@ -32,7 +32,9 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes 
 def _make_pipe(path: Path) -> None:
     """A pipe with a writer closing at once, so that a defect fails without hanging."""
     os.mkfifo(path)
-    threading.Thread(target=lambda: path.open("wb").close(), daemon=True).start()
+    # The thread may open the pipe when the test's current folder is another one again.
+    absolute = path.absolute()
+    threading.Thread(target=lambda: absolute.open("wb").close(), daemon=True).start()
 
 
 @pytest.fixture(scope="module")
