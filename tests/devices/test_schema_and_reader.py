@@ -224,6 +224,7 @@ READER_ONLY = re.compile(
     r"|\.(type|as|unit) is .*, allowed is one of "
     "|has no 'mount'|differs for each|each model once|the hottest allowed|a direction"
     r"|\.(parameters|limits)\..*, allowed is a number from "
+    r"|\.custom\..*, allowed is (0|-?[0-9.]+|a number from .*)\.$"
     "|not silent at its minimum|actuators at most|once round is|of a private network"
     "|for all actuators|no other output has|next to 'output'"
     "|allowed is a list with|have a range only|a name other than those"
