@@ -111,7 +111,7 @@ class Walk:
         client.send(self._name, values)
 
     def _finish(self, time_s: float) -> None:
-        """Store the answers of the present actuator; the next actuator begins, or the walk ends."""
+        """Store the answers of an actuator, and go on to the next actuator or end the walk."""
         actuator = self._device.actuators[self._order[self._position]]
         names = ("first_felt", "strong_enough", "too_strong")
         self.marks[actuator.id] = dict(zip(names, self._answers, strict=True))

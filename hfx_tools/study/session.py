@@ -229,13 +229,13 @@ class Session:
                     "highest": scale.highest,
                     "steps": scale.steps,
                 }
-                value, seconds = self._asked(screen | progress, scale.steps)
+                value, seconds = self._response(screen | progress, scale.steps)
                 row[f"rating_{scale.id}"] = value
                 row["response_time"] = round(row["response_time"] + seconds, 4)
             return row
         answers: list[Value] = list(plan.answers) or [FIRST, SECOND]
         labels = [plan.label(value) for value in answers] if plan.answers else ["First", "Second"]
-        number, seconds = self._asked(
+        number, seconds = self._response(
             {"kind": "choice", "text": text, "choices": labels, **progress}, len(labels)
         )
         response = answers[number - 1]
@@ -264,8 +264,8 @@ class Session:
             step = None
             while step is None:
                 self._player.idle()
-                for given in self._taken():
-                    kind = given.get("type")
+                for entry in self._new_inputs():
+                    kind = entry.get("type")
                     step = {"up": 1, "down": -1, "again": 0}.get(str(kind), step)
                     if kind == "next":
                         row = self._row(trial, [(stimulus, first)])
@@ -292,7 +292,7 @@ class Session:
         }
         while True:
             try:
-                value, seconds = self._asked(screen, _TLX_STEPS)
+                value, seconds = self._response(screen, _TLX_STEPS)
                 break
             except _PausedError:
                 self._text("Paused.")
@@ -348,37 +348,38 @@ class Session:
                 self._player.idle()
             except _PausedError:
                 continue
-            if any(given.get("type") == "next" for given in self._taken()):
+            if any(entry.get("type") == "next" for entry in self._new_inputs()):
                 return
 
-    def _asked(self, screen: Screen, count: int) -> tuple[int, float]:
-        """Number of the answer, 1 to ``count``, and the time that the participant took, seconds."""
+    def _response(self, screen: Screen, count: int) -> tuple[int, float]:
+        """Show a screen and wait for an answer: its number, 1 to ``count``, and the time in s."""
         self._presenter.show(screen)
         shown_s = time.monotonic()
         self._queue.clear()
         while True:
             self._player.idle()
-            for given in self._taken():
-                value = given.get("value")
-                if given.get("type") == "answer" and type(value) is int and 1 <= value <= count:
-                    return value, self._seconds(given, time.monotonic() - shown_s)
+            for entry in self._new_inputs():
+                value = entry.get("value")
+                if entry.get("type") == "answer" and type(value) is int and 1 <= value <= count:
+                    return value, self._seconds(entry, time.monotonic() - shown_s)
 
     @staticmethod
-    def _seconds(given: Input, most_s: float) -> float:
+    def _seconds(entry: Input, most_s: float) -> float:
         """Response time by the page's own clock if plausible, else by this one."""
-        ms = given.get("ms")
+        ms = entry.get("ms")
         is_plausible = isinstance(ms, int | float) and 0.0 <= ms <= 1000.0 * most_s
         return ms / 1000.0 if is_plausible else most_s  # type: ignore[operator]
 
-    def _taken(self) -> list[Input]:
-        taken, self._queue = self._queue, []
-        return taken
+    def _new_inputs(self) -> list[Input]:
+        """Inputs queued since the last call; empties the queue."""
+        inputs, self._queue = self._queue, []
+        return inputs
 
     def _raise_requests(self) -> None:
         """Queue the participant's inputs; raise for a stop or a pause."""
-        for given in self._presenter.inputs():
-            if given.get("type") == "stop":
+        for entry in self._presenter.inputs():
+            if entry.get("type") == "stop":
                 raise StoppedError
-            if given.get("type") in ("pause", "left"):
+            if entry.get("type") in ("pause", "left"):
                 raise _PausedError
-            self._queue.append(given)
+            self._queue.append(entry)

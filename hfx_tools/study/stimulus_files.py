@@ -27,8 +27,8 @@ _SENSATION: Final = ".hfxeffect"
 
 
 def file_raster(plan: Plan, conditions: Conditions, device: DeviceConfig) -> Raster:
-    """Raster of a file or sensation for a device, from its first row with strength, or all of a
-    silent file. InputError for an unusable file."""
+    """Raster of a file or sensation for a device. Begins with the first row that has strength; a
+    silent file keeps all rows. Raises InputError for an unusable file."""
     if "effect" in conditions:
         raster = _of_sensation(_sensation_path(plan, as_text(conditions["effect"])), device)
     else:

@@ -112,7 +112,7 @@ def flat_video(h: Any) -> Iterator[float]:
 
 
 def felt_sound(h: Any, start: int) -> Iterator[float]:
-    """The button below the strip; the effect follows the sound where the strip lies."""
+    """Press *Feel This Sound* below a sound strip, and compare the effect's keys with the strip."""
     yield from h.press_button("HFX_OT_feel_sound")
     yield 0.8
     h.shot("2_feel_this_sound.png")
