@@ -37,6 +37,10 @@ class Playback:
     latency_s: float | None
 
 
+class StandstillError(Exception):
+    """Devices were silenced because this process stood still; :meth:`DevicePlayer.arm` helps."""
+
+
 class DevicePlayer:
     """Devices of a session, connected at a client.
 
@@ -62,12 +66,17 @@ class DevicePlayer:
             check()
             self._client.heartbeat()
             self._client.events()
-            opening = ("connecting", "connected", "armed")
+            opening = ("connecting", "connected", "armed", "frozen")
             failed = [s for s in self._client.devices.values() if s.state not in opening]
             if failed or time.monotonic() > until_s:
                 states = failed or list(self._client.devices.values())
                 raise DeviceError(" ".join(map(fault_of, states)))
             time.sleep(_IDLE_S)
+
+    def arm(self) -> None:
+        """Arm the devices again after a StandstillError, and wait until all are armed."""
+        self._client.arm()
+        self.wait_ready()
 
     def idle(self, seconds: float = _IDLE_S) -> None:
         """Wait with silent devices."""
@@ -75,22 +84,22 @@ class DevicePlayer:
 
     def play(self, stimulus: Stimulus) -> Playback:
         """Play a stimulus from silence to silence; an exception of ``interrupted`` silences at
-        once."""
+        once. Raises StandstillError if devices are, or become, silent after a standstill."""
         name, neutral = stimulus.device, self._devices[stimulus.device].neutral
-        self._client.events()
+        self._raise_faults(plays=True)
         self._at_port_s = None
         previous = stimulus.values[0]
         sent_s = begun_s = time.monotonic()
         self._client.send(name, previous)
         try:
             for k, row in enumerate(stimulus.values):
-                self._wait_until(begun_s + k * stimulus.step_s)
+                self._wait_until(begun_s + k * stimulus.step_s, plays=True)
                 # Equal rows need no message; a repetition proves that the session goes on.
                 now_s = time.monotonic()
                 if not np.array_equal(row, previous) or now_s - sent_s > _REPEAT_S:
                     self._client.send(name, row)
                     sent_s, previous = now_s, row
-            self._wait_until(begun_s + stimulus.duration_s)
+            self._wait_until(begun_s + stimulus.duration_s, plays=True)
         except BaseException:
             self._client.pause()
             raise
@@ -109,20 +118,28 @@ class DevicePlayer:
         """Stop all devices now; they play no more in this session."""
         self._client.stop_all(reason)
 
-    def _wait_until(self, due_s: float) -> None:
+    def _wait_until(self, due_s: float, plays: bool = False) -> None:
         """Wait with signs of life, and note the first report of levels."""
         while True:
             check()
             self._client.heartbeat()
-            for event in self._client.events():
-                is_onset = event.event == "levels" and any(event.levels)
-                if is_onset and self._at_port_s is None:
-                    self._at_port_s = event.at_s
-            failed = [state for state in self._client.devices.values() if not state.is_armed]
-            if failed:
-                raise DeviceError(" ".join(map(fault_of, failed)))
+            self._raise_faults(plays)
             self.interrupted()
             left_s = due_s - time.monotonic()
             if left_s <= 0.0:
                 return
             time.sleep(min(left_s, _IDLE_S))
+
+    def _raise_faults(self, plays: bool) -> None:
+        """Take the reports of the devices; raise for a failed device, or for a device that a
+        standstill has silenced if a stimulus ``plays``."""
+        for event in self._client.events():
+            is_onset = event.event == "levels" and any(event.levels)
+            if is_onset and self._at_port_s is None:
+                self._at_port_s = event.at_s
+        silent = [state for state in self._client.devices.values() if not state.is_armed]
+        failed = [state for state in silent if state.state != "frozen"]
+        if failed:
+            raise DeviceError(" ".join(map(fault_of, failed)))
+        if silent and plays:
+            raise StandstillError

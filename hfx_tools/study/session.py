@@ -12,7 +12,7 @@ from hfx_blender.errors import InputError
 
 from .answers import AnswerFile
 from .design import FIRST, SECOND, Trial, columns_of
-from .device_player import DevicePlayer, Playback
+from .device_player import DevicePlayer, Playback, StandstillError
 from .folder import Study
 from .plan import Conditions, Plan, Value, as_text
 from .psychometric import PsychometricGrid, staircase
@@ -161,6 +161,12 @@ class Session:
             except _PausedError:
                 self._player.silence()
                 self._text("Paused. The last trial will begin again.")
+            except StandstillError:
+                self._text(
+                    "The computer stood still, and the devices were silenced. The last trial will "
+                    "begin again."
+                )
+                self._player.arm()
         self._answers.append(row)
         self._done.add((str(trial["kind"]), as_text(trial["trial"])))
         if self._plan.design == "staircase" and trial["kind"] == "trial":

@@ -13,6 +13,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -365,6 +366,33 @@ def test_an_unplugged_device_ends_the_session_and_answers_stay(
     assert process.returncode == 4 and "belt" in output
     assert rest[-1]["kind"] == "end" and "A device failed" in rest[-1]["text"]
     assert len(read_table(blind_study.data_file("01"))) == 2
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="no SIGSTOP on Windows")
+def test_a_standstill_of_the_computer_repeats_the_trial(blind_study: Study, tmp_path: Path) -> None:
+    log = tmp_path / "log.jsonl"
+    process, address = _run(blind_study.folder, "--to", "simulator", "--path", str(log))
+    host = address.removeprefix("http://").split("/")[0]
+    socket = connect(address.replace("http", "ws") + "/answers", origin=f"http://{host}")  # type: ignore[arg-type]
+    texts, choices = [], 0
+    with socket, suppress(ConnectionClosed):
+        for message in socket:
+            screen = json.loads(message)
+            if screen["kind"] == "text":
+                texts.append(screen["text"])
+            choices += screen["kind"] == "choice"
+            if choices == 2:  # 250 ms without a sign of life freeze the devices
+                process.send_signal(signal.SIGSTOP)
+                time.sleep(0.8)
+                process.send_signal(signal.SIGCONT)
+                choices += 1
+            if screen["kind"] in ("text", "choice"):
+                socket.send(json.dumps(eager(screen)))
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 0, output
+    assert [text for text in texts if "stood still" in text]
+    trials = read_table(blind_study.data_file("01"))
+    assert [row["trial"] for row in trials] == ["1", "2", "3", "4"]
 
 
 def test_a_device_without_an_output_is_refused(blind_study: Study) -> None:
