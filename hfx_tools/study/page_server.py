@@ -7,7 +7,6 @@ the session.
 
 from __future__ import annotations
 
-import http
 import json
 import logging
 import secrets
@@ -17,12 +16,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
-from hfx_blender.devices.transports.page_output import content_policy
+from hfx_blender.devices.transports.page_output import page_answer
 from hfx_blender.errors import UsageError
 
 from .session import Input, Screen
@@ -47,8 +45,7 @@ class PagePresenter:
     def __init__(self, noise: float = 0.0, port: int = 0) -> None:
         self._token = secrets.token_hex(8)
         self._settings = json.dumps({"kind": "settings", "noise": noise})
-        text = _PAGE.read_text(encoding="utf-8")
-        self._page, self._policy = text.encode(), content_policy(text)
+        self._page = _PAGE.read_text(encoding="utf-8")
         self._screen: str | None = None
         self._connection: ServerConnection | None = None
         self._lock = threading.Lock()
@@ -96,27 +93,8 @@ class PagePresenter:
         self._server.shutdown()
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The page at its address, None for the page's own websocket, else 404. Other names of
-        this computer are refused (DNS rebinding)."""
-        host, origin = request.headers.get("Host"), request.headers.get("Origin")
-        if f"http://{host}" != self._origin:
-            return connection.respond(http.HTTPStatus.MISDIRECTED_REQUEST, "unknown host\n")
-        if request.path == f"/{self._token}/answers" and origin == self._origin:
-            return None
-        if request.path != f"/{self._token}":
-            return connection.respond(http.HTTPStatus.NOT_FOUND, "not found\n")
-        headers = Headers(
-            {
-                "Content-Type": "text/html; charset=utf-8",
-                "Content-Length": str(len(self._page)),
-                "Content-Security-Policy": f"{self._policy} ws://{host}",
-                "Cache-Control": "no-store",
-                "Connection": "close",
-                "Referrer-Policy": "no-referrer",
-                "X-Content-Type-Options": "nosniff",
-            }
-        )
-        return Response(200, "OK", headers, self._page)
+        path = f"/{self._token}"
+        return page_answer(connection, request, self._origin, self._page, path, f"{path}/answers")
 
     def _converse(self, connection: ServerConnection) -> None:
         """Send the present screen, then take inputs until the page is left or replaced."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import os
 import random
@@ -399,6 +400,22 @@ def test_a_device_without_an_output_is_refused(blind_study: Study) -> None:
     from hfx_blender.cli import run
 
     assert run(["study", "run", str(blind_study.folder), "--device", "back_pad"]) == 4
+
+
+def test_other_origins_and_names_cannot_take_the_page() -> None:
+    presenter = PagePresenter()
+    try:
+        host, token = presenter.address.removeprefix("http://").split("/")
+        answers = []
+        for path, name in ((f"/{token}", host), ("/", host), (f"/{token}", "evil.example")):
+            client = http.client.HTTPConnection(host, timeout=3)
+            client.request("GET", path, headers={"Host": name})
+            answers.append(client.getresponse())
+        assert [answer.status for answer in answers] == [200, 404, 421]
+        assert answers[0].headers["Cross-Origin-Resource-Policy"] == "same-origin"
+        assert b"<script" in answers[0].read()
+    finally:
+        presenter.close()
 
 
 def test_a_page_that_connects_later_gets_the_present_screen() -> None:

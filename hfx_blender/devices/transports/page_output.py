@@ -112,8 +112,7 @@ class PageOutput:
         self._news = threading.Condition()
         self._number, self._text = 0, ""  # of the newest message
         self._is_closed = False
-        text = _PAGE.read_text(encoding="utf-8")
-        self._page, self._policy = text.encode(), content_policy(text)
+        self._page = _PAGE.read_text(encoding="utf-8")
         self._listener = _listening(host, port)
         number = self._listener.getsockname()[1]
         self._origin = f"http://{f'[{host}]' if ':' in host else host}:{number}"
@@ -185,28 +184,8 @@ class PageOutput:
                 self._connections -= 1
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The page for "/", None for the page's own websocket "/feel", else 404. Other names of
-        this computer are refused, which a foreign page may use (DNS rebinding)."""
-        host, origin = request.headers.get("Host"), request.headers.get("Origin")
-        if f"http://{host}" != self._origin:
-            return connection.respond(http.HTTPStatus.MISDIRECTED_REQUEST, "unknown host\n")
-        if request.path == "/feel" and origin == self._origin:
-            return None
-        if request.path != "/":
-            return connection.respond(http.HTTPStatus.NOT_FOUND, "not found\n")
-        headers = Headers(
-            {
-                "Content-Type": "text/html; charset=utf-8",
-                "Content-Length": str(len(self._page)),
-                "Content-Security-Policy": f"{self._policy} ws://{host}",
-                "Cache-Control": "no-store",
-                "Connection": "close",
-                "Cross-Origin-Resource-Policy": "same-origin",
-                "Referrer-Policy": "no-referrer",
-                "X-Content-Type-Options": "nosniff",
-            }
-        )
-        return Response(200, "OK", headers, self._page)
+        """Answer of :func:`page_answer` for the page "/" with the websocket "/feel"."""
+        return page_answer(connection, request, self._origin, self._page, "/", "/feel")
 
     def _play(self, connection: ServerConnection) -> None:
         """Take the code of a page, then send values until the output is closed or the page left."""
@@ -268,7 +247,41 @@ def _listening(host: str, port: int | None) -> socket.socket:
     raise OutputLostError(f"{host}:{port or PORT} cannot be opened ({reason}).")
 
 
-def content_policy(page: str) -> str:
+def page_answer(
+    connection: ServerConnection,
+    request: Request,
+    origin: str,
+    page: str,
+    path: str,
+    socket_path: str,
+) -> Response | None:
+    """Answer of a server with one page: the HTML ``page`` at ``path``, None for the page's own
+    websocket at ``socket_path``, else 404. Other names of this computer than that of ``origin`` are
+    refused, which a foreign page may use (DNS rebinding)."""
+    host = request.headers.get("Host")
+    if f"http://{host}" != origin:
+        return connection.respond(http.HTTPStatus.MISDIRECTED_REQUEST, "unknown host\n")
+    if request.path == socket_path and request.headers.get("Origin") == origin:
+        return None
+    if request.path != path:
+        return connection.respond(http.HTTPStatus.NOT_FOUND, "not found\n")
+    content = page.encode()
+    headers = Headers(
+        {
+            "Content-Type": "text/html; charset=utf-8",
+            "Content-Length": str(len(content)),
+            "Content-Security-Policy": f"{_content_policy(page)} ws://{host}",
+            "Cache-Control": "no-store",
+            "Connection": "close",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+        }
+    )
+    return Response(200, "OK", headers, content)
+
+
+def _content_policy(page: str) -> str:
     """Content security policy: the page's own script and style, by their hashes, no more."""
     hashes = {
         tag: base64.b64encode(

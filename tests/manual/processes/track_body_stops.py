@@ -36,7 +36,7 @@ BELT = "waist_belt"
 
 
 class Person:
-    """Source of poses at rest, which raises once ``is_broken``."""
+    """Source of a person's pose: the T-pose at each call; RuntimeError while ``is_broken`` is set."""
 
     title = "Person"
     is_broken = False
@@ -50,7 +50,8 @@ class Person:
 
 
 def main_loop(condition: Callable[[], Any], limit_s: float) -> bool:
-    """Call timers as Blender's main loop until a condition holds."""
+    """Run the timers of devices and tracking every 2 ms, in place of Blender's main loop, until a
+    condition holds. Returns False if the condition fails for ``limit_s``, seconds."""
     end_s = time.perf_counter() + limit_s
     while not condition():
         if time.perf_counter() > end_s:
@@ -66,8 +67,9 @@ def main_loop(condition: Callable[[], Any], limit_s: float) -> bool:
 
 
 def end(kind: str, person: Person, saved: str) -> float:
-    """End the touch of a tracked body: by a stop, an error of the person or of a frame, another
-    file, or a new file. Returns the time of the ending."""
+    """Silence the belt by an ending of :data:`KINDS`: the stop button, an error of the pose source,
+    an error in a frame handler, another file, a new file. Returns the time of the ending on the
+    clock of ``time.perf_counter``: of the call, for the error in a frame of its raising."""
     ended_s = time.perf_counter()
     if kind == "stop":
         bpy.ops.hfx.live_stop_all()
@@ -96,12 +98,15 @@ KINDS = ("stop", "error", "frame error", "load", "new")
 
 
 def is_felt(board: DistantBoard) -> bool:
-    """Test for a vibration; a device that stopped while body models were loaded is armed again."""
+    """Arm the belt again if it has stopped (:func:`arm_stopped`), and test for a vibration of the
+    board."""
     arm_stopped()
     return board.strength > 0.0
 
 
 def arm_stopped() -> None:
+    """Arm all devices if the belt is in state "frozen" or "fault", as after the loading of body
+    models, during which Blender sends no heartbeats."""
     if live.states[BELT].state in ("frozen", "fault"):
         live.arm()
 
