@@ -36,7 +36,7 @@ BELT = "waist_belt"
 
 
 class Person:
-    """Source of a person's pose: the T-pose at each call; RuntimeError while ``is_broken`` is set."""
+    """Source of a pose, the T-pose at each call; raises RuntimeError while ``is_broken`` is set."""
 
     title = "Person"
     is_broken = False
