@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of any registered format: detection, validation and signals.
+"""Files of any registered format: detection, rules and signals.
 
-Files are validated before they get their names. A conversion validates every file. An export
-validates only formats with rules on the number of points, durations and frequencies (1 % of the
-export's time); tables, sound and samples consist of checked numbers. The export does not decode
-envelopes here: keyframe writers read their files back for the error notes.
+An export validates only formats with rules on the number of points, durations and frequencies (1 %
+of the export's time), before files get their names; tables, sound and samples consist of checked
+numbers. Envelopes are not decoded here: keyframe writers read their files back for error notes.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from ..errors import InputError, refuse_no_file
+from ..errors import InputError
 from ..files import limits
 from ..files.findings import Finding
 from ..files.kinds import title_of
@@ -42,61 +41,39 @@ def format_of(path: Path) -> FormatInfo:
             if info.marks and all(mark in head for mark in info.marks):
                 return info
     known = ", ".join(
-        info.read_suffix or info.suffix for info in [*checked, *_formats_without_check()]
+        info.read_suffix or info.suffix
+        for info in [*checked, *(entry for entry in FORMATS.values() if entry.read)]
     )
     raise InputError(f"{path}: is {title_of(path)}, which is no known format; known are {known}.")
 
 
-def _formats_without_check() -> list[FormatInfo]:
-    """Formats with a validating reader ``read``: large files, or files with companions."""
-    return [info for info in FORMATS.values() if info.read]
-
-
-def validate(path: Path, *, reads: bool = True) -> tuple[FormatInfo, list[Finding]]:
-    """Return the format and the findings of a file, in file order; none: valid.
-
-    A file beyond parsing has a single finding: ``<FORMAT>-LARGE`` beyond a limit of size,
-    ``-CONTENT`` in a format without a check of its own (its reader's error), else ``-UNREADABLE``.
-    ``reads``: also decode the envelopes of a file without errors, to find a file beyond the
-    reader's limits; this takes most of the time. Raises InputError if the path is missing,
-    unreadable or of an unknown format.
-    """
-    refuse_no_file(path)
-    for info in _formats_without_check():
-        if path.name.endswith(info.suffix):
-            try:
-                info.function("read")(path)
-            except InputError as error:
-                return info, [_finding(info, "CONTENT", error, path)]
-            return info, []
-    info = format_of(path)
+def findings_of(info: FormatInfo, path: Path) -> list[Finding]:
+    """Findings of the format's ``check``, in file order; none: valid. :func:`failure` for a file
+    beyond parsing. Raises InputError for an unreadable path."""
     # Of a WAV only the head is parsed, of samples a line at a time: map instead of reading.
     content = {"wav": mapped, "jsonl": mapped_data}.get(info.id, read_data)(path)
     try:
         findings: list[Finding] = info.function("check")(content, str(path))
-        if reads and info.decode and not any(finding.severity == "error" for finding in findings):
-            decoded(info, content, str(path))  # raises for a file beyond the reader's limits
-        return info, findings
+        return findings
     except InputError as error:
-        is_large = isinstance(error, limits.TooLargeError)
-        return info, [_finding(info, "LARGE" if is_large else "UNREADABLE", error, path)]
+        return [failure(info, error, path)]
 
 
-def _finding(info: FormatInfo, code: str, error: InputError, path: Path) -> Finding:
-    """Finding ``<FORMAT>-<code>`` with a reader's message without path and full stop."""
+def failure(info: FormatInfo, error: InputError, path: Path) -> Finding:
+    """Finding ``<FORMAT>-LARGE`` for an exceeded limit, else ``-UNREADABLE``, with the message of a
+    reader without path and full stop."""
+    code = "LARGE" if isinstance(error, limits.TooLargeError) else "UNREADABLE"
     message = str(error).removeprefix(f"{path}: ").rstrip(".")
     return Finding(f"{info.id.upper()}-{code}", "", message)
 
 
-def fault_of(path: Path, *, reads: bool = True) -> str:
-    """First error of a file as "place: message [code]"; empty for a valid file. ``reads`` as for
-    :func:`validate`. Raises InputError for an unreadable or unknown file."""
-    _, findings = validate(path, reads=reads)
-    errors = [finding for finding in findings if finding.severity == "error"]
-    if not errors:
-        return ""
-    location = f"{errors[0].place}: " if errors[0].place else ""
-    return f"{location}{errors[0].message} [{errors[0].code}]"
+def first_error(findings: list[Finding]) -> str:
+    """First finding of severity error as "place: message [code]"; empty without an error."""
+    for finding in findings:
+        if finding.severity == "error":
+            location = f"{finding.place}: " if finding.place else ""
+            return f"{location}{finding.message} [{finding.code}]"
+    return ""
 
 
 def without_invalid_files(written: Written) -> Written:
@@ -111,7 +88,7 @@ def without_invalid_files(written: Written) -> Written:
         size = path.stat().st_size
         fault = ""
         if path.name.endswith(with_rules):
-            fault = fault_of(path, reads=False)
+            fault = first_error(findings_of(format_of(path), path))
         # Readers would refuse a larger file.
         elif size > limits.MEMORY.default and not path.name.endswith(unlimited):
             most = limits.MEMORY.default

@@ -22,7 +22,7 @@ from hfx_blender.errors import InputError, OutputError, UsageError
 from hfx_blender.files import limits
 from hfx_blender.files.atomic import inputs_kept, refuse_device
 from hfx_blender.files.staging import place, staging
-from hfx_blender.formats.files import fault_of, format_of, read_signals
+from hfx_blender.formats.files import format_of, read_signals
 from hfx_blender.formats.hjif.semantics import is_date
 from hfx_blender.formats.rasters import csv_raster
 from hfx_blender.formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown
@@ -40,6 +40,7 @@ from hfx_blender.formats.written import Written, part_path
 
 from ..formats import raster_rules
 from ..formats.signal_raster import RATE_HZ, raster_of
+from ..formats.validation import fault_of
 from . import sound_reading
 
 _START_BYTES: Final = 1 << 16  # bytes compared with those that HFX writes first

@@ -69,7 +69,8 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     """Check a file and print its findings and verdict, or the reason why it cannot be read; of a
     report also the listed files. Returns the result for ``--json``."""
     from hfx_blender.files.findings import Finding
-    from hfx_blender.formats.files import validate
+
+    from ..formats.validation import validate
 
     own = kind_of(path)
     try:

@@ -9,13 +9,14 @@ from typing import Any
 
 from hfx_blender.files.findings import refuse_errors
 from hfx_blender.files.strict_json import read_bytes, read_data
-from hfx_blender.formats.files import read_signals, validate
+from hfx_blender.formats.files import read_signals
 from hfx_blender.formats.glb import glb
 from hfx_blender.formats.hjif import hjif_reader
 from hfx_blender.formats.hjif.body_parts import described
 
 from . import clip_rules
 from .clip_reader import texts_at
+from .validation import validate
 
 
 def facts_of(path: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import pytest
 
 from hfx_blender.cli import build_parser
 from hfx_blender.commands.console import Console
-from hfx_blender.formats.files import validate
+from hfx_tools.formats.validation import validate
 
 HEADER = {
     "type": "header",

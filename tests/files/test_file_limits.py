@@ -41,6 +41,7 @@ from hfx_blender.formats.writing import write_signals
 from hfx_tools.commands import conversion
 from hfx_tools.commands.conversion import convert
 from hfx_tools.formats import npz_reader
+from hfx_tools.formats.validation import validate
 
 MOST_BYTES = 24 << 20  # limit of a refusal
 
@@ -118,7 +119,7 @@ def test_a_few_bytes_that_last_for_days_are_refused(tmp_path, name, target):
     pieces_folder = tmp_path / "made"
     refused(lambda: convert(path, pieces_folder, to=target, device=device), r"allowed are 86,400 s")
     assert [path.name for path in tmp_path.iterdir()] == [name]
-    actual, findings = files.validate(path)
+    actual, findings = validate(path)
     assert [finding.severity for finding in findings if finding.code.endswith("-LARGE")] == [
         "error"
     ], actual
@@ -238,7 +239,7 @@ def test_times_that_are_no_clock_are_invalid_everywhere(tmp_path, kind, suffix):
     object.__setattr__(raster, "times_s", UNEVEN[kind](raster.times_s))
     path = tmp_path / f"x{suffix}"
     (npz_raster if suffix == ".raster.npz" else csv_raster).write(raster, path)
-    assert [finding.severity for finding in files.validate(path)[1]] == ["error"]
+    assert [finding.severity for finding in validate(path)[1]] == ["error"]
     for target in ("ahap", "csv", "npz", "wav", "tact", "hjif"):
         with pytest.raises(InputError, match="'times_s'"):
             convert(path, tmp_path / "y", to=target, device="back_pad")
@@ -303,7 +304,7 @@ def test_converted_files_are_valid_for_any_times(tmp_path, seconds, target):
         assert [path.name for path in tmp_path.iterdir()] == [path.name]
         return
     for file in written.files:
-        assert not [one for one in files.validate(file)[1] if one.severity == "error"]
+        assert not [one for one in validate(file)[1] if one.severity == "error"]
 
 
 @pytest.mark.parametrize("given", ["", "./", "sub/"])
@@ -377,7 +378,7 @@ def test_a_path_without_points_is_silent_and_reported(tmp_path):
     document = {"project": project, "durationMillis": 1000, "intervalMillis": 20, "size": 20}
     path = tmp_path / "x.tact"
     path.write_text(json.dumps(document))
-    actual, findings = files.validate(path)
+    actual, findings = validate(path)
     assert {finding.severity for finding in findings} == {"warning"} and actual.id == "tact"
     written = convert(path, tmp_path / "y.haptic")
     assert "3 paths without points, which are silent" in written.left_out

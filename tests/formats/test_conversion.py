@@ -32,6 +32,7 @@ from hfx_blender.formats.signals.signals import (
 from hfx_blender.formats.sound import wav
 from hfx_tools.commands.conversion import convert
 from hfx_tools.formats import npz_reader
+from hfx_tools.formats.validation import validate
 
 ENVELOPES = ["ahap", "haptic", "he", "he1", "openharmony", "openxr"]
 
@@ -45,7 +46,7 @@ def test_every_device_format_writes_valid_files(tmp_path, name):
     for path in written.files:
         assert path.name.startswith("scene.back_pad")
         if not path.name.endswith(wav.SIDECAR_SUFFIX):
-            actual, findings = files.validate(path)
+            actual, findings = validate(path)
             assert findings == [], path
             assert actual.id == {"he1": "he"}.get(name, name)
     again = writing.write(name, raster, device, tmp_path / "other.back_pad")
@@ -123,7 +124,7 @@ def test_vibration_goes_from_format_to_format(tmp_path, source, target):
     written = convert(first, tmp_path / f"second{suffix}", to=target)
     (before, *_), _ = files.read_signals(first)
     (after, *_), _ = files.read_signals(written.files[0])
-    assert files.validate(written.files[0])[1] == []
+    assert validate(written.files[0])[1] == []
     times = np.linspace(0.02, 0.55, 100)
     off = np.abs(before.amplitude.at(times) - after.amplitude.at(times))
     if target != "he1" and source != "tact":  # steps, or silence between events
@@ -138,7 +139,7 @@ def test_a_track_goes_to_everything(tmp_path):
         device = None if name in ("hjif", "samples.jsonl") else "back_pad"
         written = convert(track, tmp_path / f"y.{name}", device=device)
         assert written.files[0].name == f"y.{name}"
-        assert files.validate(written.files[0])[1] == []
+        assert validate(written.files[0])[1] == []
     convert(tmp_path / "y.raster.npz", tmp_path / "z.csv", device="back_pad")
     assert (tmp_path / "z.csv").read_bytes() == (tmp_path / "y.csv").read_bytes()
     with pytest.raises(InputError, match="not those of the device"):
@@ -167,7 +168,7 @@ def test_one_signal_is_played_by_all_vibration_actuators_of_a_device(tmp_path, t
     """A ramp of 1 s at 120 Hz reaches half of each actuator's maximum in the middle."""
     haptic.write([signal([0, 1], rate_hz=1.0, name="buzz")], RANGE, tmp_path / "x")
     written = convert(tmp_path / "x.buzz.haptic", tmp_path / f"y.{target}", device="back_pad")
-    assert files.validate(written.files[0])[1] == []
+    assert validate(written.files[0])[1] == []
     assert ("500 times a second" in " ".join(written.notes)) and not written.left_out
     if target != "raster.npz":
         return
@@ -280,7 +281,7 @@ def test_a_raster_goes_to_hjif_a_channel_an_actuator(tmp_path):
     raster.values[10:20] += 1.0
     npz_raster.write(raster, tmp_path / "x.raster.npz")
     path = convert(tmp_path / "x.raster.npz", tmp_path / "y.hjif", device="fan_heater").files[0]
-    assert files.validate(path)[1] == []
+    assert validate(path)[1] == []
     envelopes = list(to_signals.envelopes(read_hjif(path)))
     assert [envelope.modality for envelope in envelopes] == ["Wind", "Temperature"]
     for curve in envelopes:
@@ -296,7 +297,7 @@ def test_envelopes_become_hjif_of_a_device(tmp_path):
     without = read_hjif(convert(source, tmp_path / "a.hjif").files[0])
     assert [len(channel["channels"]) for channel in without["perceptions"]] == [1]
     written = convert(source, tmp_path / "b.hjif", device="back_pad")
-    assert files.validate(written.files[0])[1] == []
+    assert validate(written.files[0])[1] == []
     document = read_hjif(written.files[0])
     (perception,) = document["perceptions"]
     assert [channel["description"] for channel in perception["channels"]] == [
@@ -314,7 +315,7 @@ def test_ticks_go_to_hjif_and_back(tmp_path):
     tick = Transient(0.01, 0.8, 150.0)
     haptic.write([signal([0, 0.5, 0], transients=[tick])], RANGE, tmp_path / "x")
     path = convert(tmp_path / "x.r1c1.haptic", tmp_path / "y.hjif").files[0]
-    assert files.validate(path)[1] == []
+    assert validate(path)[1] == []
     ((actual,), _) = files.read_signals(path)
     assert [(t.time_s, t.amplitude, t.frequency_hz) for t in actual.transients] == [
         (pytest.approx(0.01), pytest.approx(0.8), pytest.approx(150.0, abs=0.51))

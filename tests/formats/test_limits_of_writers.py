@@ -19,11 +19,12 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.files import limits
 from hfx_blender.files.limits import Limit
 from hfx_blender.formats import writing
-from hfx_blender.formats.files import format_of, validate, without_invalid_files
+from hfx_blender.formats.files import format_of, without_invalid_files
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.registry import FORMATS
 from hfx_tools.commands.played_clip import PlayedClip
 from hfx_tools.formats import npz_reader
+from hfx_tools.formats.validation import validate
 
 DEVICE = load_device("phone_lra")  # one vibration actuator: 2 columns and the times
 OF_DEVICES = tuple(id for id in FORMATS if id not in ("track", "glb"))

@@ -16,10 +16,11 @@ from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import files, registry
 from hfx_blender.formats.device_files import ahap, ahap_rules, haptic, he, he_rules, openxr
-from hfx_blender.formats.files import read_signals, validate
+from hfx_blender.formats.files import read_signals
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient, simplified_signals
 from hfx_blender.formats.writing import write, write_signals
 from hfx_tools.formats.signal_raster import raster_of
+from hfx_tools.formats.validation import validate
 
 FORMATS = {
     "ahap": (ahap.document, ahap_rules.validate, ahap.decode, 0.0),

@@ -21,6 +21,7 @@ from hfx_blender.formats.device_files import (
     tact,
 )
 from hfx_tools.commands.conversion import convert
+from hfx_tools.formats.validation import validate
 
 
 def errors(findings):
@@ -335,5 +336,5 @@ def test_every_companion_file_of_a_sound_is_known(tmp_path, capsys):
     document = json.loads(listed.read_text())
     document["channels"] = document["channels"][::-1]
     listed.write_bytes(encoded(document))
-    assert errors(files.validate(listed)[1])[0] == "CHANNELS-ORDER"
+    assert errors(validate(listed)[1])[0] == "CHANNELS-ORDER"
     assert np.isfinite(document["full_scale_m_s2"])

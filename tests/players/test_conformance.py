@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from core_library import ROOT, Body, Clip, Player
 
-from hfx_blender.formats import files
+from hfx_tools.formats.validation import validate
 
 FOLDER = ROOT / "players" / "conformance"
 NAMES = sorted(path.stem for path in FOLDER.glob("*.txt"))
@@ -24,7 +24,7 @@ def test_the_folder_is_complete_and_small() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_each_value_is_as_expected(name: str) -> None:
     path = FOLDER / f"{name}.hfxclip"
-    assert files.validate(path)[1] == []
+    assert validate(path)[1] == []
     clip = Clip(path.read_bytes())
     assert clip.error == 0
     player, scales = Player(clip), Scales(path)
