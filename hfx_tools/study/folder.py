@@ -100,9 +100,17 @@ class Study:
         return present
 
     def write_participants(self) -> None:
-        """Write the table of participants: those with answers."""
+        """Write the table of participants, those with answers, and its description; without
+        answers remove both, as BIDS refuses a table without participants."""
+        table, description = (self.folder / f"participants.{suffix}" for suffix in ("tsv", "json"))
         rows = [{"participant_id": f"sub-{label}"} for label in self.participants()]
-        write_table(self.folder / "participants.tsv", ["participant_id"], rows)
+        if rows:
+            text = "Number of the participant; no names are stored."
+            write_json(description, {"participant_id": {"Description": text}})
+            write_table(table, ["participant_id"], rows)
+        else:
+            table.unlink(missing_ok=True)
+            description.unlink(missing_ok=True)
 
     def parsed(self, row: Row, path: Path) -> Trial:
         """Trial of a row of text: values of factors as in the plan. InputError for other values."""
@@ -182,7 +190,3 @@ def _write_descriptions(folder: Path, plan: Plan) -> None:
     )
     (folder / "README").write_text(_README, encoding="utf-8")
     (folder / ".bidsignore").write_text(_IGNORED, encoding="utf-8")
-    write_json(
-        folder / "participants.json",
-        {"participant_id": {"Description": "Number of the participant; no names are stored."}},
-    )

@@ -350,10 +350,20 @@ def test_a_folder_with_files_is_not_overwritten(
 def test_delete_removes_lists_and_data_of_a_participant(tmp_path: Path) -> None:
     study = tmp_path / "s"
     assert run(["study", "make", "board", "-o", str(study)]) == 0
-    data = study / "sub-02" / "beh"
-    data.mkdir(parents=True)
+    # BIDS refuses a table of participants, or its description, without participants.
+    assert not list(study.glob("participants.*"))
+    answers = []
+    for number in ("02", "03"):
+        folder = study / f"sub-{number}" / "beh"
+        folder.mkdir(parents=True)
+        answers.append(folder / f"sub-{number}_task-board_events.tsv")
+        answers[-1].write_text("onset\tduration\n")
     assert run(["study", "delete", str(study), "2"]) == 0
-    assert not data.exists() and not (study / "participant-02").exists()
-    assert (study / "participant-01").exists()
+    assert not answers[0].exists() and not (study / "participant-02").exists()
+    assert answers[1].exists() and (study / "participant-01").exists()
+    assert (study / "participants.tsv").read_text() == "participant_id\nsub-03\n"
+    assert "participant_id" in json.loads((study / "participants.json").read_text())
+    assert run(["study", "delete", str(study), "3"]) == 0
+    assert not list(study.glob("participants.*"))
     assert run(["study", "delete", str(study), "02"]) == 2
     assert run(["study", "delete", str(study), "Anna"]) == 2
