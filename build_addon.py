@@ -17,7 +17,7 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from release import addon_wheels, native_build, native_wheel
+from release import addon_wheels, bundled_libraries, native_build, native_wheel
 from release.addon_wheels import PLATFORMS, PYTHONS, WheelError
 from release.archives import write_zip
 from release.native_build import BuildError
@@ -75,8 +75,10 @@ def build(folder: Path, tag: str = "", text: str = "", wheels: Sequence[Path] = 
     content = {MANIFEST: text.encode()}
     content |= {name: path.read_bytes() for name, path in files().items()}
     content |= {f"wheels/{path.name}": path.read_bytes() for path in wheels}
-    own = {addon_wheels.own_licence(path.name) for path in wheels}
-    content |= {f"licences/{path.name}": path.read_bytes() for path in own if path.exists()}
+    licences = {addon_wheels.own_licence(wheel.name) for wheel in wheels}
+    for wheel in wheels:
+        licences |= bundled_libraries.licence_files(wheel.name, wheel.read_bytes())
+    content |= {f"licences/{path.name}": path.read_bytes() for path in licences if path.exists()}
     name = "-".join(filter(None, (identity["id"], identity["version"], tag)))
     return write_zip(folder / f"{name}.zip", content)
 
@@ -110,7 +112,8 @@ def build_for(
         for distribution in sorted(distributions - set(wheel_names)):
             say(f"{name}, Python {python}: there is no wheel of {distribution}, built without")
         for wheel in wheel_names.values():
-            path = addon_wheels.named_for(addon_wheels.fetch(wheel, lock[wheel], cache), name)
+            fetched = addon_wheels.fetch(wheel, lock[wheel], cache)
+            path = bundled_libraries.for_platform(fetched, name)
             chosen[path.name] = path
     addon_wheels.check_requirements(chosen.values())
     if zig is not None:

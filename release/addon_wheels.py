@@ -246,19 +246,6 @@ def fetch(name: str, digest: str, folder: Path) -> Path:
     return path
 
 
-def named_for(wheel: Path, platform: str) -> Path:
-    """Copy a wheel for all Macs under the tag of one platform; other wheels are returned as given.
-
-    Blender before 4.4 rejects wheels with names ending in ``universal2``.
-    """
-    if not wheel.stem.endswith("universal2"):
-        return wheel
-    tags = PLATFORMS[platform].tags()
-    copy = wheel.with_name(f"{wheel.stem.rpartition('-')[0]}-{tags[0]}.whl")
-    copy.write_bytes(wheel.read_bytes())
-    return copy
-
-
 def own_licence(wheel: str) -> Path:
     """Path of the stored licence for a wheel without one."""
     return LICENCES / f"{wheel.partition('-')[0]}.txt"

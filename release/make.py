@@ -170,11 +170,9 @@ def summaries(output: Path) -> None:
     """Write first steps, sums, bill of materials and licences of other projects into a folder."""
     _write(output / "START-HERE.md", start_here())
     artefacts = sorted(path for part in PARTS for path in (output / part).glob("*"))
-    lock = addon_wheels.read_lock()
-    wheels = [addon_wheels.fetch(name, lock[name], build_addon.WHEELS) for name in lock]
-    bill = bill_of_materials.bill(__version__, artefacts, wheels)
+    bill = bill_of_materials.bill(__version__, artefacts, addon_wheels.read_lock())
     _write(output / f"hfx-{__version__}.cdx.json", bill)
-    licences = bill_of_materials.third_party_licences(wheels)
+    licences = bill_of_materials.third_party_licences(artefacts)
     _write(output / "THIRD-PARTY-LICENCES.txt", licences)
     lines = [
         f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(output).as_posix()}\n"

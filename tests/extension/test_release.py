@@ -19,7 +19,7 @@ from types import ModuleType
 import pytest
 
 from hfx_blender.version import __version__
-from release import addon_wheels, archives, bill_of_materials, make
+from release import addon_wheels, archives, bill_of_materials, bundled_libraries, make
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -71,60 +71,242 @@ def test_archives_of_equal_files_have_equal_bytes(tmp_path: Path) -> None:
         assert {(entry.mtime, entry.uid, entry.uname) for entry in tar} == {(0, 0, "")}
 
 
-def _wheel(folder: Path, name: str, metadata: str, licence: str | None = "May be used.") -> Path:
+ELF = b"\x7fELF" + b"\0" * 60
+
+
+def _wheel(
+    folder: Path,
+    name: str,
+    metadata: str,
+    licence: str | None = "May be used.",
+    **libraries: bytes,
+) -> Path:
+    """Write a wheel; ``libraries`` are names in the wheel, with ``__`` for a dot, and contents."""
     information = f"{'-'.join(name.split('-')[:2])}.dist-info"
     files = {f"{information}/METADATA": metadata.encode()}
+    files |= {f"lib/{key.replace('__', '.')}": data for key, data in libraries.items()}
+    files[f"{information}/RECORD"] = "".join(f"{file},,\n" for file in sorted(files)).encode()
     if licence:
         files[f"{information}/licenses/LICENSE.txt"] = licence.encode()
     return archives.write_zip(folder / name, files)
 
 
+def _extension(folder: Path, *wheels: Path, platform: str = "linux-x64") -> Path:
+    files = {f"wheels/{wheel.name}": wheel.read_bytes() for wheel in wheels}
+    files["blender_manifest.toml"] = f'platforms = ["{platform}"]\n'.encode()
+    return archives.write_zip(folder / f"hfx_blender-0.1.0-{platform}.zip", files)
+
+
+def _sha(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
 def test_the_bill_names_each_file_with_its_sum_and_licence(tmp_path: Path) -> None:
     artefact = tmp_path / "hfx-godot-0.1.0.zip"
-    artefact.write_bytes(b"content")
-    extension = tmp_path / "hfx_blender-0.1.0-linux_x64.zip"
-    extension.write_bytes(b"other content")
+    archives.write_zip(artefact, {"a.txt": b"content"})
     wheel = _wheel(
         tmp_path,
         "some_thing-2.5-py3-none-any.whl",
         "Name: some-thing\nVersion: 2.5\nLicense-Expression: MIT-0\n",
     )
-    text = bill_of_materials.bill("0.1.0", [extension, artefact], [wheel])
-    assert text == bill_of_materials.bill("0.1.0", [artefact, extension], [wheel])
+    extension = _extension(tmp_path, wheel)
+    pinned = {wheel.name: _sha(wheel.read_bytes())}
+    text = bill_of_materials.bill("0.1.0", [extension, artefact], pinned)
+    assert text == bill_of_materials.bill("0.1.0", [artefact, extension], pinned)
     bill = json.loads(text)
     assert (bill["bomFormat"], bill["specVersion"], bill["version"]) == ("CycloneDX", "1.6", 1)
     components = {component["name"]: component for component in bill["components"]}
     assert components[artefact.name]["hashes"] == [
-        {"alg": "SHA-256", "content": hashlib.sha256(b"content").hexdigest()}
+        {"alg": "SHA-256", "content": _sha(artefact.read_bytes())}
     ]
     assert components[artefact.name]["licenses"] == [{"expression": "MIT"}]
     assert components[extension.name]["licenses"] == [{"expression": "GPL-3.0-or-later"}]
     library = components["some-thing"]
     assert library["licenses"] == [{"expression": "MIT-0"}] and library["version"] == "2.5"
     assert library["purl"].startswith("pkg:pypi/some-thing@2.5")
+    assert "pedigree" not in library
+
+
+def test_the_bill_lists_what_lies_in_each_file_and_no_more(tmp_path: Path) -> None:
+    """Wheels and libraries of a zip are its dependencies; pinned wheels of no zip are absent."""
+    metadata = "Name: scipy\nVersion: 1\n"
+    scipy = _wheel(
+        tmp_path,
+        "scipy-1-cp313-cp313-win_arm64.whl",
+        metadata,
+        **{"msvcp140-5f__dll": b"MZ1", "_core__cp313-win_arm64__pyd": b"MZ2"},
+    )
+    own = _wheel(
+        tmp_path,
+        "hfx_native-1.0.0+ab-py3-none-win_arm64.whl",
+        "Name: hfx_native\nVersion: 1.0.0+ab\nLicense-Expression: GPL-3.0-or-later\n",
+        hfx_native__dll=b"MZ3",
+    )
+    extension = _extension(tmp_path, scipy, own, platform="windows-arm64")
+    pinned = {
+        scipy.name: _sha(scipy.read_bytes()),
+        "scipy-1-cp314-cp314-win_arm64.whl": "0" * 64,  # in no file
+    }
+    text = bill_of_materials.bill("0.1.0", [extension], pinned)
+    assert "cp314" not in text
+    bill = json.loads(text)
+    needs = {row["ref"]: row.get("dependsOn", []) for row in bill["dependencies"]}
+    runtime = f"{scipy.name}/lib/msvcp140-5f.dll"
+    assert needs["hfx-blender"] == [extension.name]
+    assert needs[extension.name] == [own.name, scipy.name]
+    assert needs[scipy.name] == [runtime] and needs[runtime] == []
+    refs = [component["bom-ref"] for component in bill["components"]]
+    assert sorted(refs) == sorted(set(needs) - {"hfx-blender"})
+    (component,) = (c for c in bill["components"] if c["bom-ref"] == runtime)
+    assert component["hashes"] == [{"alg": "SHA-256", "content": _sha(b"MZ1")}]
+    assert component["licenses"] == [{"expression": "LicenseRef-Microsoft-Distributable-Code"}]
+
+
+def test_the_bill_follows_the_schema_of_cyclonedx(tmp_path: Path) -> None:
+    """Read by the library of the OWASP foundation, which holds the schema."""
+    validation = pytest.importorskip("cyclonedx.validation.json")
+    schema = pytest.importorskip("cyclonedx.schema")
+    wheel = _wheel(
+        tmp_path,
+        "sounddevice-1-py3-none-win_amd64.whl",
+        "Name: sounddevice\nVersion: 1\nLicense-Expression: MIT\n",
+        **{"libportaudio64bit__dll": b"MZ1", "libportaudio64bit-asio__dll": b"MZ2"},
+    )
+    pinned = {wheel.name: _sha(wheel.read_bytes())}
+    changed = bundled_libraries.for_platform(wheel, "windows-x64")
+    extension = _extension(tmp_path, changed, platform="windows-x64")
+    text = bill_of_materials.bill("0.1.0", [extension], pinned)
+    assert '"pedigree"' in text and pinned[wheel.name] in text
+    validator = validation.JsonStrictValidator(schema.SchemaVersion.V1_6)
+    assert validator.validate_str(text) is None
+    assert validator.validate_str(text.replace('"bom-ref"', '"bomref"')) is not None
 
 
 def test_a_distribution_without_a_known_licence_stops_the_release(tmp_path: Path) -> None:
     wheel = _wheel(tmp_path, "other-1-py3-none-any.whl", "Name: other\nVersion: 1\n")
     with pytest.raises(addon_wheels.WheelError, match=r"other-1-py3-none-any\.whl.*licence"):
-        bill_of_materials.bill("0.1.0", [], [wheel])
+        bill_of_materials.bill("0.1.0", [_extension(tmp_path, wheel)], {})
+
+
+def test_a_wheel_that_is_not_pinned_stops_the_release(tmp_path: Path) -> None:
+    metadata = "Name: other\nVersion: 1\nLicense-Expression: MIT\n"
+    wheel = _wheel(tmp_path, "other-1-py3-none-any.whl", metadata)
+    with pytest.raises(addon_wheels.WheelError, match=r"pins no wheel of other"):
+        bill_of_materials.bill("0.1.0", [_extension(tmp_path, wheel)], {})
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("libother-1__so__2", b""), ("other__dll", b"MZ"), ("other__bin", ELF)],
+    ids=["by name", "by name of Windows", "by content"],
+)
+def test_a_library_of_an_unknown_project_stops_the_release(
+    name: str, content: bytes, tmp_path: Path
+) -> None:
+    metadata = "Name: trimesh\nVersion: 1\n"
+    wheel = _wheel(tmp_path, "trimesh-1-py3-none-any.whl", metadata, **{name: content})
+    extension = _extension(tmp_path, wheel)
+    pinned = {wheel.name: _sha(wheel.read_bytes())}
+    message = rf"trimesh-1-py3-none-any\.whl.*{name.replace('__', '.')}.*unknown project"
+    for write in (
+        lambda: bill_of_materials.bill("0.1.0", [extension], pinned),
+        lambda: bill_of_materials.third_party_licences([extension]),
+    ):
+        with pytest.raises(addon_wheels.WheelError, match=message):
+            write()
+
+
+def test_an_unknown_library_of_a_package_for_games_stops_the_release(tmp_path: Path) -> None:
+    files = {"package/Plugins/libhfx_haptics.so": ELF, "package/Plugins/libfmod.so": ELF}
+    names = {name.removeprefix("package/"): data for name, data in files.items()}
+    package = archives.write_tarball(tmp_path / "org.hfx.haptics-0.1.0.tgz", names)
+    with pytest.raises(addon_wheels.WheelError, match=r"libfmod\.so"):
+        bill_of_materials.third_party_licences([package])
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "expression"),
+    [
+        ("libgomp-e985bcbb.so.1.0.0", "libgomp", "GPL-3.0-or-later WITH GCC-exception-3.1"),
+        ("libgfortran.5.dylib", "libgfortran", "GPL-3.0-or-later WITH GCC-exception-3.1"),
+        ("libquadmath-96973f99-934c22de.so.0.0.0", "libquadmath", "LGPL-2.1-or-later"),
+        ("libportaudio.dylib", "PortAudio", "MIT"),
+        ("libscipy_openblas-68440149.so", "OpenBLAS", "BSD-3-Clause AND BSD-3-Clause-Open-MPI"),
+        ("libportaudio64bit-asio.dll", None, None),  # Steinberg's ASIO
+    ],
+)
+def test_libraries_of_pinned_wheels_have_their_licence(
+    file: str, name: str | None, expression: str | None
+) -> None:
+    """Expressions of the projects' licence files: GCC's COPYING.RUNTIME, PortAudio's LICENSE."""
+    library = bundled_libraries.library_of(f"some.libs/{file}")
+    assert (library and library.name, library and library.expression) == (name, expression)
+
+
+def test_stored_texts_of_libraries_exist_and_are_used() -> None:
+    used = {row.text for row in bundled_libraries.LIBRARIES if row.text}
+    texts = {path.name for path in (ROOT / "licences").iterdir()}
+    assert used == texts - {"pyserial.txt", "python_osc.txt"}  # licences of distributions
+
+
+@pytest.mark.parametrize(
+    ("platform", "tag", "present"),
+    [
+        ("windows-x64", "win_amd64", "libportaudio64bit.dll"),
+        ("windows-arm64", "win_arm64", "libportaudioarm64.dll"),
+        ("macos-arm64", "macosx_11_0_arm64", "libportaudio.dylib"),
+    ],
+)
+def test_sounddevice_keeps_the_portaudio_of_the_platform_without_asio(
+    platform: str, tag: str, present: str, tmp_path: Path
+) -> None:
+    published = "macosx_10_6_universal2" if tag.startswith("macosx") else tag
+    names = ("libportaudio.dylib", "libportaudio64bit.dll", "libportaudio64bit-asio.dll")
+    names += ("libportaudioarm64.dll", "libportaudioarm64-asio.dll", "libportaudio32bit.dll")
+    wheel = _wheel(
+        tmp_path,
+        f"sounddevice-1-py3-none-{published}.whl",
+        "Name: sounddevice\nVersion: 1\n",
+        **{name.replace(".", "__"): name.encode() for name in names},
+    )
+    before = wheel.read_bytes()
+    changed = bundled_libraries.for_platform(wheel, platform)
+    assert changed.name == f"sounddevice-1-py3-none-{tag}.whl" and wheel.read_bytes() == before
+    with zipfile.ZipFile(changed) as archive:
+        files = [name for name in archive.namelist() if name.startswith("lib/")]
+        record = archive.read("sounddevice-1.dist-info/RECORD").decode()
+        assert archive.read(f"lib/{present}") == present.encode()
+    assert files == [f"lib/{present}"]
+    assert record == f"lib/{present},,\nsounddevice-1.dist-info/METADATA,,\n"
 
 
 def test_each_licence_text_stands_once_with_its_distributions(tmp_path: Path) -> None:
     wheels = [
-        _wheel(tmp_path, f"{name}-1-py3-none-any.whl", f"Name: {name}\nVersion: 1\n", text)
-        for name, text in (("one", "Same text."), ("two", "Same text."), ("three", "Different."))
+        _wheel(
+            tmp_path,
+            f"{name}-1-py3-none-any.whl",
+            f"Name: {name}\nVersion: 1\nLicense-Expression: MIT\n",
+            text,
+            **libraries,
+        )
+        for name, text, libraries in (
+            ("one", "Same text.", {}),
+            ("two", "Same text.", {"libgomp-1__so__1": ELF}),
+            ("three", "Different.", {}),
+        )
     ]
-    text = bill_of_materials.third_party_licences(wheels)
+    text = bill_of_materials.third_party_licences([_extension(tmp_path, *wheels)])
     assert text.count("Same text.") == 1 and text.count("Different.") == 1
-    assert "one 1, two 1" in text and "three 1" in text
+    assert "\none 1, two 1\n" in text and "\nthree 1\n" in text
+    assert "two 1, libgomp-1.so.1: libgomp, GPL-3.0-or-later WITH GCC-exception-3.1" in text
+    assert text.count("GCC RUNTIME LIBRARY EXCEPTION") == 1
 
 
 def test_a_wheel_without_a_licence_file_has_the_stored_text(tmp_path: Path) -> None:
     metadata = "Name: pyserial\nVersion: 3.5\n"
     wheel = _wheel(tmp_path, "pyserial-3.5-py2.py3-none-any.whl", metadata, licence=None)
     stored = (ROOT / "licences" / "pyserial.txt").read_text(encoding="utf-8").strip()
-    assert stored in bill_of_materials.third_party_licences([wheel])
+    assert stored in bill_of_materials.third_party_licences([_extension(tmp_path, wheel)])
 
 
 def test_first_steps_name_each_package_and_no_other() -> None:
