@@ -335,18 +335,45 @@ def test_the_core_package_leads_to_first_values_with_files_of_its_own(tmp_path: 
     assert all(entry in names | folders for entry in listed) and len(listed) == 5
 
 
-def test_the_description_for_pypi_has_whole_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
-    """PyPI resolves no relative address, and shows pictures of GitHub's ``raw`` addresses."""
+@pytest.fixture
+def description_hook(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Module of the metadata hook, with a stand-in for hatchling."""
     module = ModuleType("interface")
     module.MetadataHookInterface = object  # type: ignore[attr-defined]
     for name in ("hatchling", "hatchling.metadata", "hatchling.metadata.plugin"):
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
     monkeypatch.setitem(sys.modules, "hatchling.metadata.plugin.interface", module)
     monkeypatch.delitem(sys.modules, "release.hatch_metadata", raising=False)
-    hook = importlib.import_module("release.hatch_metadata")
+    return importlib.import_module("release.hatch_metadata")
+
+
+def test_the_description_for_pypi_has_whole_addresses(description_hook: ModuleType) -> None:
+    """PyPI resolves no relative address, and shows pictures of GitHub's ``raw`` addresses."""
     text = "![a\nb](docs/p.webp) [c](x.md#y) [d](https://e.org/z) [f](#g) [h](mailto:i@j.k)"
-    assert hook.with_addresses(text, "https://github.com/o/n", "v1.2.3") == (
+    assert description_hook.with_addresses(text, "https://github.com/o/n", "v1.2.3") == (
         "![a\nb](https://github.com/o/n/raw/v1.2.3/docs/p.webp) "
         "[c](https://github.com/o/n/blob/v1.2.3/x.md#y) "
         "[d](https://e.org/z) [f](#g) [h](mailto:i@j.k)"
     )
+
+
+@pytest.mark.parametrize("repository", ["", "https://github.com/o/n/"])
+def test_the_description_for_pypi_works_without_a_clone(
+    repository: str, description_hook: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its commands need no file of the repository, and no link is relative."""
+    monkeypatch.setenv("HFX_REPOSITORY", repository)
+    hook = description_hook.ReadmeHook()
+    hook.root = str(ROOT)
+    metadata = {"version": "0.1.0"}
+    hook.update(metadata)
+    text = metadata["readme"]["text"]  # type: ignore[index]
+    assert text.startswith("# HFX for Blender\n") and text.count("\n## Install\n") == 1
+    for command in ("-e .", "build_addon.py", "release/", "pytest"):
+        assert command not in re.sub(r"\]\([^)]*\)", "]", text), command
+    assert "pip install hfx-blender && hfx demo" in text
+    addresses = re.findall(r"\]\(([^)]*)\)", text)
+    relative = [address for address in addresses if not re.match(r"#|https://", address)]
+    assert relative == [] and bool(re.search(r"!\[", text)) == bool(repository)
+    for section in ("Supported Blenders", "Quick start", "Limits and safety", "Licence"):
+        assert re.search(rf"^##+ {section}$", text, re.MULTILINE), section
