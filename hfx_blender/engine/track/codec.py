@@ -174,17 +174,21 @@ def _compiled_columns(
     return counts, gaps[:total], differences, []
 
 
-def repeated_sets(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool | None:
-    """Mask (m,) of sets equal to the set before, False for the first; None without the library.
+def repeated_sets(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool:
+    """Mask (m,) of sets equal to the set before, False for the first.
 
     Set j has the entries ``slice(offsets[j], offsets[j + 1])`` of ``vertices`` and ``weights``
-    (total,); weights of any type are compared bit by bit.
+    (total,); weights of any type are compared.
     """
-    native = library()
+    same, native = np.zeros(len(offsets) - 1, np.bool_), library()
     if native is None:
-        return None
-    same = np.zeros(len(offsets) - 1, np.bool_)
-    native.hfx_track_repeats(len(same), offsets, vertices, weights, weights.dtype.itemsize, same)
+        parts = [slice(a, b) for a, b in pairwise(offsets.tolist())]
+        for k, (a, b) in enumerate(pairwise(parts), start=1):
+            columns = vertices, weights
+            same[k] = all(np.array_equal(column[a], column[b]) for column in columns)
+    else:
+        width = weights.dtype.itemsize
+        native.hfx_track_repeats(len(same), offsets, vertices, weights, width, same)
     return same
 
 

@@ -77,7 +77,7 @@ class StreamIndex:
         self.channels = tuple(name for name in CHANNELS if name in both)
 
 
-_INDEX: Final = loose(
+INDEX_SHAPE: Final = loose(
     {
         "chunks": Items(Number(is_whole=True), order="ascending"),
         "streams": Items(
@@ -95,7 +95,7 @@ _INDEX: Final = loose(
 )
 
 
-_STORAGE: Final = loose(
+STORAGE: Final = loose(
     {
         "samples_per_chunk": Number(1, MAX_SAMPLES_PER_CHUNK, is_whole=True),
         "weights": Text((WEIGHTS_BYTE, WEIGHTS_FULL)),
@@ -103,25 +103,10 @@ _STORAGE: Final = loose(
 )
 
 
-def storage_of(encoding: Mapping[str, Any]) -> dict[str, Any]:
-    """Read ``samples_per_chunk`` and ``weights`` from a header's encoding; raises ValueError for a
-    missing or invalid value."""
-    storage: dict[str, Any] = value_in(encoding, _STORAGE, "encoding")
-    return storage
-
-
 def encode_index(chunks: list[int], streams: list[StreamIndex]) -> bytes:
     """Chunk numbers and the streams' entries as UTF-8 JSON with a final newline."""
     content = {"chunks": chunks, "streams": [asdict(stream) for stream in streams]}
     return json.dumps(content, sort_keys=True, allow_nan=False).encode() + b"\n"
-
-
-def decode_index(text: bytes) -> tuple[list[int], list[StreamIndex]]:
-    """Read ascending chunk numbers and one entry for each stream; raises ValueError if the text is
-    no such index."""
-    document = parse_json(text, "index")
-    content = value_in(document, _INDEX, "index")
-    return list(content["chunks"]), list(content["streams"])
 
 
 FORMAT: Final = "hfxtrack"

@@ -6,10 +6,10 @@ from __future__ import annotations
 import math
 import textwrap
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NoReturn, Self, TypeVar
+from typing import Final, NoReturn, Self
 
 import numpy as np
 
@@ -21,16 +21,12 @@ from ..stepwise import tell
 from . import layout
 from .codec import Cursor, Section, decode, decode_weights, read_head
 from .header import TrackHeader
-from .layout import from_json
+from .layout import from_json, parse_json, value_in
 
 _ENCRYPTED: Final = 0x1  # flag of an encrypted ZIP entry
 
 _TIME_TOLERANCE: Final = 1e-6
 """Fraction of a sample by which a requested time may miss a sample's own float64 time."""
-
-_Source = TypeVar("_Source")
-_Value = TypeVar("_Value")
-
 
 @dataclass(frozen=True)
 class StreamSummary:
@@ -69,13 +65,18 @@ class TrackReader:
             if layout.HEADER not in self._archive.namelist():
                 self._fail(f"it has no {layout.HEADER}")
             header = self._entry(layout.HEADER, layout.MAX_JSON_BYTES)
-            self.header, encoding = self._parsed(from_json, header)
-            storage = self._parsed(layout.storage_of, encoding)
+            self.header, encoding = from_json(header)
+            storage = value_in(encoding, layout.STORAGE, "encoding")
             self.samples_per_chunk: int = storage["samples_per_chunk"]
             self.full_precision: bool = storage["weights"] == layout.WEIGHTS_FULL
-            index = self._entry(layout.INDEX, layout.MAX_JSON_BYTES)
-            self.chunks, self.index = self._parsed(layout.decode_index, index)
+            document = parse_json(self._entry(layout.INDEX, layout.MAX_JSON_BYTES), "index")
+            index = value_in(document, layout.INDEX_SHAPE, "index")
+            self.chunks: list[int] = list(index["chunks"])
+            self.index: list[layout.StreamIndex] = list(index["streams"])
             self._check_index()
+        except ValueError as error:
+            self._archive.close()
+            self._fail(str(error))
         except BaseException:
             self._archive.close()
             raise
@@ -266,13 +267,6 @@ class TrackReader:
             return content
         except NPZ_DAMAGE as error:
             self._fail(f"{name}: {error}")
-
-    def _parsed(self, parse: Callable[[_Source], _Value], content: _Source) -> _Value:
-        """Result of ``parse(content)``; a ValueError becomes InputError with the file's path."""
-        try:
-            return parse(content)
-        except ValueError as error:
-            self._fail(str(error))
 
     def _fail(self, reason: str) -> NoReturn:
         """Raise InputError with the path and a reason, shortened to 200 characters."""

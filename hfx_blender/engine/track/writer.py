@@ -311,16 +311,6 @@ class _SectionBuilder:
         """Mask (m,) of sets with vertices and weights equal to the set before; the first is
         compared with the last collected set."""
         is_repeated = repeated_sets(offsets, vertices, weights)
-        if is_repeated is None:
-            parts = [slice(a, b) for a, b in pairwise(offsets.tolist())]
-            pairs = zip([parts[0], *parts], parts, strict=False)
-            is_repeated = np.array(
-                [
-                    np.array_equal(vertices[a], vertices[b])
-                    and np.array_equal(weights[a], weights[b])
-                    for a, b in pairs
-                ]
-            )
         columns = self._columns
         last_size = int(columns["sizes"][-1][-1]) if columns["sizes"] else -1
         # The second slice is for a size of 0, where the first one takes the whole array.
