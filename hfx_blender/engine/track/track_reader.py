@@ -28,6 +28,7 @@ _ENCRYPTED: Final = 0x1  # flag of an encrypted ZIP entry
 _TIME_TOLERANCE: Final = 1e-6
 """Fraction of a sample by which a requested time may miss a sample's own float64 time."""
 
+
 @dataclass(frozen=True)
 class StreamSummary:
     """Summary of a stream of a track."""
