@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from .commands import left_out
-from .commands.console import Console, is_unread
+from .commands.console import Console
 from .errors import HfxError, InputError, OutputError, UsageError, fault_of_file
 from .files import limits
 from .files.atomic import inputs_kept
@@ -81,7 +81,7 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         process_end.check()
         if code or console.fault is None:
             return code
-        return _unprinted(console, console.fault)
+        return unprinted(console, console.fault)
     except HfxError as error:
         console.warn(f"hfx: {error}")
         console.result({"error": str(error)})
@@ -116,7 +116,7 @@ def _named_files(options: argparse.Namespace) -> Iterator[Path]:
                     yield Path(item)
 
 
-def _unprinted(console: Console, fault: OSError) -> int:
+def unprinted(console: Console, fault: OSError) -> int:
     """Warn about results that could not be printed, and return the exit code."""
     console.warn(f"hfx: standard output: cannot be written ({fault.strerror}).")
     return OutputError.exit_code
@@ -159,21 +159,6 @@ def _joined_ranges(arguments: Sequence[str]) -> list[str]:
         else:
             joined.append(argument)
     return joined
-
-
-def main() -> None:
-    """Run the command of ``sys.argv`` and end the process with the exit code."""
-    blender_session.open_standard_streams()
-    blender_session.end_on_signals()
-    try:
-        code = blender_session.without_chatter(lambda: run(sys.argv[1:]))
-    except SystemExit as finished:  # --help and --version
-        code = finished.code if isinstance(finished.code, int) else 0
-    except OSError as error:  # argparse prints without the console
-        code = 0
-        if not is_unread(error):
-            code = _unprinted(Console(), error)
-    blender_session.leave(code)
 
 
 # In an installed Blender: ``blender scene.blend --command hfx export ...``

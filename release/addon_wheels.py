@@ -49,7 +49,8 @@ COMPUTED: dict[str, set[str]] = {
     "blender/early_imports.py": {"scipy", "trimesh"},
     "blender/registration.py": set(),  # the package's own operators and panels
     "commands/doctor.py": set(),  # libraries that are there, or not
-    "commands/left_out.py": set(),  # of 'hfx_tools': an absent package gives a message
+    "commands/left_out.py": set(),  # the two commands of the extension
+    "processes/tools_package.py": set(),  # of 'hfx_tools': an absent package gives a message
     "formats/registry.py": set(),  # the package's own readers and writers
     "engine/native/library.py": set(),  # the wheel of the compiled library, made by the build
 }

@@ -59,12 +59,12 @@ def patient_devices(monkeypatch: pytest.MonkeyPatch) -> None:
 def pytest_unconfigure(config: pytest.Config) -> Iterator[None] | None:
     # Blender's module sometimes hangs at Python's exit; all results are written by now.
     if "bpy" in sys.modules:
-        from hfx_blender.processes import blender_session
+        from hfx_tools.command_process.blender_module import remove_temporary_files
 
         temporary = sys.modules["bpy"].app.tempdir.rstrip(os.sep)
         if os.path.basename(temporary).startswith("blender_"):  # not the user's own folder
             shutil.rmtree(temporary, ignore_errors=True)
-        blender_session.remove_temporary_files()
+        remove_temporary_files()
         settings = os.environ.get("BLENDER_USER_RESOURCES", "")
         if os.path.basename(settings).startswith("hfx_test_"):
             shutil.rmtree(settings, ignore_errors=True)

@@ -14,7 +14,7 @@ _distutils_hack sitecustomize usercustomize startup_file""".split()
 NOT_OURS = {"encodings"}
 
 CHILDREN = (
-    "export.batch.work",
+    "hfx_tools.export_workers.unit_process",
     "hfx_tools.demo.picture_process",
     "devices.host.host",
     "devices.workers.render_worker",

@@ -14,7 +14,6 @@ import pytest
 from hfx_blender.devices.host import device_thread, host
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.export.batch import local_workers
 from hfx_blender.files import json_shapes, limits, resources, strict_json
 from hfx_blender.formats.device_files import (
     ahap,
@@ -27,6 +26,7 @@ from hfx_blender.formats.device_files import (
 )
 from hfx_blender.formats.hjif import envelopes, semantics
 from hfx_blender.formats.sound import wav, waveforms
+from hfx_tools.export_workers import local_workers
 from hfx_tools.formats import signal_raster
 from hfx_tools.spatial_sound import hearing, loudspeakers
 

@@ -11,7 +11,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from ..export.batch.local_workers import LocalWorkers, ThisProcess, Workers
 from ..export.batch.pieces import folder_of, pieces_folder, remove_folder
 from ..export.batch.units import ExportOptions, Outcome, Unit
 from ..files import resources
@@ -19,6 +18,7 @@ from ..files.atomic import atomic_file, inputs_kept
 from ..files.hashes import sha256_of
 from ..processes import blender_session
 from ..processes.start import cores
+from ..processes.tools_package import tools_module
 from ..text import printable
 from . import export_options
 from .arguments import add_json, expanded
@@ -60,9 +60,11 @@ def run(options: argparse.Namespace, console: Console) -> int:
     with staging(folder, "hfx-export") as stage:
         units = _units(options, stage.resolve())
         title = units[0].title if len(units) == 1 else f"{len(units)} scenes"
-        workers: Workers = (
-            ThisProcess() if in_process else LocalWorkers(options.jobs, options.time_limit)
-        )
+        workers: batch.Workers = batch.ThisProcess()
+        if not in_process:
+            processes = tools_module("export_workers.local_workers")
+            assert processes is not None, "Blender exports in its own process"
+            workers = processes.LocalWorkers(options.jobs, options.time_limit)
         try:
             # Now in the order of the scenes; the reporter has added them in order of completion.
             outcomes[:] = batch.run(

@@ -6,10 +6,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 import weakref
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,8 +15,8 @@ from ..files import resources
 from .startup import absolute
 
 _START: Final = Path(__file__).resolve().with_name("child.py")
-_started: dict[int, weakref.ref[subprocess.Popen[Any]]] = {}
-_LOOK_S: Final = 0.01
+started: dict[int, weakref.ref[subprocess.Popen[Any]]] = {}
+"""Processes of :func:`start` by process id; also ended ones."""
 ended: list[bool] = []  # not empty: this process is ending and starts no process
 
 
@@ -55,29 +53,8 @@ def start(
     settings.setdefault("creationflags", getattr(subprocess, "CREATE_NO_WINDOW", 0))
     process = subprocess.Popen(command, env={**environment(), **(variables or {})}, **settings)
     # Weak, as an entry must not keep ended processes alive.
-    _started[process.pid] = weakref.ref(process)
+    started[process.pid] = weakref.ref(process)
     return process
-
-
-def end_all(limit_s: float) -> None:
-    """Terminate all processes started by :func:`start`; kill the rest after ``limit_s``, seconds.
-    Later starts fail: this process is ending. On Windows processes with an input pipe are left, as
-    these exit with their input."""
-    ended.append(True)
-    # A copy, as other threads may start processes.
-    known = [reference() for reference in list(_started.values())]
-    running = [process for process in known if process is not None and process.poll() is None]
-    if os.name == "nt":  # terminate() kills there; processes with a pipe exit with their input
-        running = [process for process in running if process.stdin is None]
-    for process in running:
-        with suppress(OSError):
-            process.terminate()
-    until = time.monotonic() + limit_s
-    while time.monotonic() < until and any(process.poll() is None for process in running):
-        time.sleep(_LOOK_S)
-    for process in running:
-        with suppress(OSError):
-            process.kill()
 
 
 def is_child() -> bool:

@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 from hfx_blender.export.batch import batch
-from hfx_blender.export.batch.local_workers import LocalWorkers
 from hfx_blender.export.batch.units import ExportOptions, Outcome, Unit
 from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import blender_session
 
 from .. import processes
+from ..export_workers.local_workers import LocalWorkers
 
 SCENES = 10
 TARGET_SPEEDUP = 1.8

@@ -11,6 +11,8 @@ from pathlib import Path
 
 from hfx_blender.processes import blender_session
 
+from ..command_process.signal_watch import leave
+
 
 def main() -> None:
     """Draw the pictures of a scene and its track into a folder; exit code 1 after a fault."""
@@ -23,7 +25,7 @@ def main() -> None:
     except Exception as error:
         sys.stderr.write(f"{type(error).__name__}: {error}\n")
         code = 1
-    blender_session.leave(code)
+    leave(code)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ from hfx_blender.playback.preview.preview_layers import spread_between
 from hfx_blender.playback.timeline.timeline_record import record
 from hfx_blender.processes import blender_session
 
+from ..command_process.signal_watch import leave
 from ..felt_shares import SKIN, felt_shares
 
 CATALOGS = "blender_assets.cats.txt"
@@ -234,4 +235,4 @@ if __name__ == "__main__":
     blender_session.start()
     sys.stdout.write(f"{make(Path(sys.argv[1]))}\n")
     sys.stdout.flush()
-    blender_session.leave(0)
+    leave(0)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from hfx_blender.processes import blender_session
+from hfx_tools.command_process.signal_watch import leave
 
 bpy = blender_session.start()
 
@@ -90,4 +91,4 @@ def _peak() -> int:
 if __name__ == "__main__":
     command, *arguments = sys.argv[1:]
     {"compare": compare, "memory": memory}[command](*arguments)
-    blender_session.leave(0)
+    leave(0)

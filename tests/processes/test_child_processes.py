@@ -18,6 +18,7 @@ from strange_modules import CHILDREN, RAN, fill
 
 from hfx_blender.processes import start
 from hfx_tools import processes
+from hfx_tools.command_process.signal_watch import end_children
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "hfx_blender"
@@ -79,7 +80,7 @@ def test_no_process_is_started_by_one_that_ends(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(start, "ended", [])
     command = processes.program("import time; time.sleep(100)")
     with start.start(command) as running:
-        start.end_all(30.0)
+        end_children(30.0)
         assert running.wait(30)
         with pytest.raises(OSError, match="ending"):
             start.start(command)

@@ -13,16 +13,16 @@ SLOW_FAREWELL = """
 import os, signal, time
 from hfx_blender import cli
 from hfx_blender.commands.console import Console
-from hfx_blender.processes import process_end
+from hfx_tools.command_process import signal_watch
 
 write = Console.warn
 def slow(self, text):
     write(self, text)
     time.sleep(2.0)
 Console.warn = slow
-process_end.UNWINDING_S = 0.2
+signal_watch.UNWINDING_S = 0.2
 cli.build_parser()  # imports all commands, which takes long
-process_end.end_on_signals()
+signal_watch.end_on_signals()
 os.kill(os.getpid(), signal.SIGTERM)
 cli.run(["device", "list"])
 """

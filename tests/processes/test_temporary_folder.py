@@ -20,6 +20,7 @@ fault = sys.argv[1]
 if fault:  # as where the disk is full, or has no inodes left
     tempfile.mkdtemp = lambda *_, **__: (_ for _ in ()).throw(OSError(28, fault))
 from hfx_blender.processes import blender_session
+from hfx_tools.command_process.signal_watch import leave
 bpy = blender_session.start()
 print(bpy.app.tempdir, os.environ.get("TMPDIR"), flush=True)
 if fault:
@@ -29,7 +30,7 @@ if fault:
     class Module:
         app = App
     sys.modules["bpy"] = Module
-blender_session.leave(7)
+leave(7)
 """
 
 

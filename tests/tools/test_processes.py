@@ -26,8 +26,9 @@ time.sleep(60.0)
 _PARENT = f"""
 import sys
 from hfx_blender.processes import process_end
+from hfx_tools.command_process.signal_watch import end_on_signals
 from hfx_tools import processes
-process_end.end_on_signals()
+end_on_signals()
 try:
     processes.run(processes.program({_CHILD!r}, sys.argv[1]))
 except process_end.TerminatedError as error:

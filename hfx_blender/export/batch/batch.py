@@ -7,17 +7,50 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from ...processes import process_end
 from . import journal, pieces
-from .local_workers import Workers
 from .units import Outcome, Unit
 
 _LOOK_S: Final = 0.2  # a waiting thread cannot receive Ctrl-C on Windows
 
 Progress = Callable[[float], None]
 Tell = Callable[[Unit, Outcome], None]
+
+
+class Workers(Protocol):
+    """Interface of unit executors."""
+
+    @property
+    def slots(self) -> int:
+        """Number of units in execution at a time."""
+        ...
+
+    def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
+        """Begin a unit; the future returns the outcome."""
+        ...
+
+    def close(self) -> None:
+        """End all work, also units in execution, and wait for the end; may be called again."""
+        ...
+
+
+class ThisProcess:
+    """Executor in this process; a crash ends the process and all units."""
+
+    slots = 1
+
+    def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
+        """Execute a unit in this thread and return a finished future; errors are outcomes."""
+        from .work import run_safely
+
+        future: Future[Outcome] = Future()
+        future.set_result(run_safely(unit, progress))
+        return future
+
+    def close(self) -> None:
+        """Do nothing: this executor has no processes to end."""
 
 
 @dataclass(eq=False)

@@ -1,20 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Executes a unit of work in a process with Blender; as a main module, units in sequence.
-
-The messages of this worker are JSON: ``{"ready": true}`` or ``{"cannot_start": "..."}`` once, then
-for each unit several ``{"progress": 0.5}`` and a final ``{"outcome": {...}}``.
-"""
+"""Executes a unit of work in a process with Blender."""
 
 from __future__ import annotations
 
-import faulthandler
 import os
-import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -29,8 +22,6 @@ from ...engine.track import SUFFIX as TRACK_SUFFIX
 from ...engine.track.layout import SAMPLES_PER_CHUNK
 from ...errors import HfxError, InputError, OutputError, fault_of_file
 from ...processes import blender_session
-from ...processes.messages import decode_json, json_message
-from ...processes.worker import Owner
 from . import journal, pieces, units
 from .units import ExportOptions, Outcome, Unit, failure
 
@@ -43,9 +34,6 @@ Progress = Callable[[float], None]
 
 _VOLUMES: Final = ".npz"
 _LONGEST_NAME: Final = 255  # bytes, of file systems in use
-
-_INTERVAL_S = 0.2
-"""Shortest time between two progress messages, seconds."""
 
 
 @dataclass
@@ -274,37 +262,3 @@ def _piece(
         record = pieces.keep(unit, part, recorded["recorded"], made_from, files)
         text = f"piece {number} of {count}: samples {part[0]} to {part[1] - 1}"
     return {"input": unit.title, "piece": record, "text": text, "remarks": remarks}
-
-
-def main() -> None:
-    """Execute units until the owner process ends. Without Blender, send the reason and exit."""
-    faulthandler.enable()  # report the place of a crash in Blender to the owner process
-    # Blender and reports of operators print to standard output.
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    # Messages have a descriptor of their own, so foreign prints cannot damage them.
-    owner = Owner(nowhere, at_end=partial(blender_session.leave, 0))
-    try:
-        blender_session.start()
-    except HfxError as error:
-        owner.send(json_message({"cannot_start": str(error)}))
-        blender_session.leave(error.exit_code)
-    owner.send(json_message({"ready": True}))
-    while True:
-        unit = Unit.from_json(decode_json(owner.receive().body))
-        owner.send(json_message({"outcome": run_safely(unit, _Progress(owner))}))
-
-
-class _Progress:
-    def __init__(self, owner: Owner) -> None:
-        self._owner = owner
-        self._next = 0.0
-
-    def __call__(self, share: float) -> None:
-        now = time.monotonic()
-        if now >= self._next:
-            self._next = now + _INTERVAL_S
-            self._owner.send(json_message({"progress": share}))
-
-
-if __name__ == "__main__":
-    main()

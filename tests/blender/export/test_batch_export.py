@@ -19,9 +19,10 @@ from hfx_scenes import command, contents_of, environment, names_in
 from hfx_blender import cli
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.batch import batch
-from hfx_blender.export.batch.local_workers import LocalWorkers, ThisProcess
+from hfx_blender.export.batch.batch import ThisProcess
 from hfx_blender.export.batch.units import ExportOptions, Unit
 from hfx_blender.processes.messages import json_message, read_message
+from hfx_tools.export_workers.local_workers import LocalWorkers
 
 bpy = pytest.importorskip("bpy")
 
@@ -282,7 +283,7 @@ def test_an_interrupted_batch_goes_on_where_it_was(
 def test_a_worker_whose_master_has_gone_ends(moving: Path, tmp_path: Path) -> None:
     unit = _unit(moving, tmp_path / "o", tmp_path / "s", frames=(0, 1_000_000))
     worker = subprocess.Popen(
-        [sys.executable, "-m", "hfx_blender.export.batch.work"],
+        [sys.executable, "-m", "hfx_tools.export_workers.unit_process"],
         env=environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
     )  # fmt: skip
     assert worker.stdin is not None and worker.stdout is not None

@@ -16,10 +16,11 @@ from typing import Any
 
 import pytest
 
-from hfx_blender.export.batch import batch, local_workers
-from hfx_blender.export.batch.local_workers import LocalWorkers
+from hfx_blender.export.batch import batch
 from hfx_blender.export.batch.units import ExportOptions, Outcome, Unit
 from hfx_blender.processes import start, worker
+from hfx_tools.export_workers import local_workers
+from hfx_tools.export_workers.local_workers import LocalWorkers
 
 STAND_IN = """
 import json, os, signal, struct, sys, tempfile, time
@@ -213,14 +214,14 @@ def test_closing_ends_every_process(
 
 STUCK = """
 import threading
-from hfx_blender.processes import blender_session
-from hfx_blender.export.batch.local_workers import LocalWorkers
+from hfx_tools.command_process.signal_watch import leave
+from hfx_tools.export_workers.local_workers import LocalWorkers
 workers = LocalWorkers(2)
 held = threading.Lock()
 held.acquire()
 workers._pool.submit(held.acquire)  # as where Ctrl-C struck while the pool was waited for
 workers.close()
-blender_session.leave(3)
+leave(3)
 """
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Unit executors on this machine: this process, or worker processes.
+"""Executor of units in worker processes of this machine.
 
 A worker process starts with a first unit. A new process takes over after a crash, after a time
 limit, and after :data:`RENEW_AFTER` units, which bounds the memory of a worker.
@@ -16,13 +16,15 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
-from ...errors import HfxError
-from ...files.staging import temporary_folder
-from ...processes.messages import MessageError, decode_json, json_message
-from ...processes.worker import Worker
-from .units import Outcome, Unit, failure
+from hfx_blender.errors import HfxError
+from hfx_blender.export.batch.units import Outcome, Unit, failure
+from hfx_blender.files.staging import temporary_folder
+from hfx_blender.processes.messages import MessageError, decode_json, json_message
+from hfx_blender.processes.worker import Worker
+
+_PROCESS: Final = "hfx_tools.export_workers.unit_process"
 
 RENEW_AFTER = 20
 """Number of units after which a new worker process replaces a worker."""
@@ -85,7 +87,9 @@ class UnitWorker:
         """Start a process and wait until its Blender runs; the wait is at most 300 s, or for units
         with a limit below 300 s at most ``limit_s``, but 60 s or more. Raises as :meth:`do`,
         WorkerDiedError also after :meth:`close`."""
-        worker = Worker("export.batch.work", variables=self._variables, keeps_errors=True)
+        worker = Worker(
+            "hfx_tools.export_workers.unit_process", variables=self._variables, keeps_errors=True
+        )
         if not self._closed:
             worker.start()
         self._worker, self._count = worker, 0
@@ -160,40 +164,6 @@ def do_or_retry(
 
 
 _TIDY_LIMIT_S: Final = 10.0
-
-
-class Workers(Protocol):
-    """Interface of unit executors."""
-
-    @property
-    def slots(self) -> int:
-        """Number of units in execution at a time."""
-        ...
-
-    def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
-        """Begin a unit; the future returns the outcome."""
-        ...
-
-    def close(self) -> None:
-        """End all work, also units in execution, and wait for the end; may be called again."""
-        ...
-
-
-class ThisProcess:
-    """Executor in this process; a crash ends the process and all units."""
-
-    slots = 1
-
-    def submit(self, unit: Unit, progress: Progress) -> Future[Outcome]:
-        """Execute a unit in this thread and return a finished future; errors are outcomes."""
-        from .work import run_safely
-
-        future: Future[Outcome] = Future()
-        future.set_result(run_safely(unit, progress))
-        return future
-
-    def close(self) -> None:
-        """Do nothing: this executor has no processes to end."""
 
 
 class LocalWorkers:
