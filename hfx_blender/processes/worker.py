@@ -8,6 +8,7 @@ import os
 import queue
 import signal
 import subprocess
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
@@ -16,6 +17,9 @@ from typing import IO, Any, Final
 
 from . import start
 from .messages import Message, MessageError, messages
+
+if sys.platform == "win32":
+    import msvcrt
 
 END_LIMIT_S = 10.0
 """Time limit for the exit of a process after the end of its input, seconds; then it is killed."""
@@ -56,6 +60,9 @@ class Worker:
     - ``outgoing`` yields bytes to write, in the writing thread, and replaces :meth:`send`. The end
       of the iterator ends the process's input.
 
+    ``has_urgent_pipe`` opens a second pipe for :meth:`urge`; :func:`urgent_pipe` opens the other
+    end by the last argument of the module.
+
     ``keeps_errors`` keeps the last lines of standard error for :meth:`how_it_ended`; by default
     standard error is that of this process. ``process`` is None before the start; ``fault`` is
     "sent ..." after invalid data, empty before.
@@ -70,7 +77,10 @@ class Worker:
         outgoing: Callable[[Worker], Iterator[bytes]] | None = None,
         variables: Mapping[str, str] | None = None,
         keeps_errors: bool = False,
+        has_urgent_pipe: bool = False,
     ) -> None:
+        self._has_urgent_pipe = has_urgent_pipe
+        self._urgent: IO[bytes] | None = None
         self._module = module, *arguments
         self._variables, self._keeps_errors = variables, keeps_errors
         # Without functions of the caller both threads fill the queue of receive().
@@ -98,15 +108,23 @@ class Worker:
         no process can be started."""
         # A session of its own: Ctrl-C of the terminal does not reach the process, and kill() can
         # signal the whole process group.
-        self.process = start.start(
-            start.command(*self._module),
-            self._variables,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE if self._keeps_errors else None,
-            bufsize=0,
-            start_new_session=True,
-        )
+        reading, number, inherited = None, "", {}
+        if self._has_urgent_pipe:
+            reading, number, inherited = self._open_urgent_pipe()
+        try:
+            self.process = start.start(
+                start.command(*self._module, *filter(None, [number])),
+                self._variables,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE if self._keeps_errors else None,
+                bufsize=0,
+                start_new_session=True,
+                **inherited,
+            )
+        finally:
+            if reading is not None:
+                os.close(reading)
         threading.Thread(target=self._write, args=(self.process.stdin,), daemon=True).start()
         # A thread for each pipe, as reading blocks.
         readers = {self._read: self.process.stdout, self._read_errors: self.process.stderr}
@@ -139,6 +157,29 @@ class Worker:
         if message is None:
             self._received.put(None)  # for the next call
         return message
+
+    def _open_urgent_pipe(self) -> tuple[int, str, dict[str, Any]]:
+        """Open the second pipe: its reading end here, the end's number in the process, and the
+        arguments of Popen that hand the end over."""
+        reading, writing = os.pipe()
+        # A write never waits; Windows before Python 3.12 cannot, and its pipe takes 4 KiB.
+        getattr(os, "set_blocking", lambda *_: None)(writing, False)
+        self._urgent = os.fdopen(writing, "wb", 0)
+        if sys.platform != "win32":
+            return reading, str(reading), {"pass_fds": (reading,)}
+        handle = msvcrt.get_osfhandle(reading)
+        os.set_handle_inheritable(handle, True)
+        startup = subprocess.STARTUPINFO(lpAttributeList={"handle_list": [handle]})
+        return reading, str(handle), {"startupinfo": startup}
+
+    def urge(self, content: bytes) -> None:
+        """Write an encoded message of 4 KiB at most to the second pipe, in this thread and past all
+        unsent messages. A pipe without room, or to an ended process, is closed: later messages are
+        dropped."""
+        if self._urgent is not None:
+            with suppress(OSError, ValueError):  # ended; closed
+                if self._urgent.write(content) != len(content):  # None without room
+                    self._urgent.close()
 
     def wait(self, limit_s: float | None = None) -> int:
         """Wait for the exit and return the exit code; all messages have been read then. Raises
@@ -238,6 +279,14 @@ def _end_by_signal(number: int) -> str:
     if name in ("SIGSEGV", "SIGBUS", "SIGILL", "SIGABRT", "SIGFPE"):
         return f"crashed ({name})"
     return f"was ended by {name}"
+
+
+def urgent_pipe(number: str) -> IO[bytes]:
+    """Open the second pipe of a :class:`Worker` in the child process, for reading."""
+    descriptor = int(number)
+    if sys.platform == "win32":
+        descriptor = msvcrt.open_osfhandle(descriptor, os.O_RDONLY)
+    return os.fdopen(descriptor, "rb")
 
 
 class Owner:

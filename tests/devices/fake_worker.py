@@ -38,6 +38,7 @@ class FakeWorker:
     ) -> None:
         self._received, self._ended = received, ended
         self.sent: list[Message] = []
+        self.urged: list[Message] = []  # by the second pipe
         self.is_killed = False
 
     @property
@@ -49,6 +50,9 @@ class FakeWorker:
 
     def send(self, content: bytes, *, is_awaited: bool = False) -> None:
         self.sent += messages(io.BytesIO(content))
+
+    def urge(self, content: bytes) -> None:
+        self.urged += messages(io.BytesIO(content))
 
     def close(self, limit_s: float = 0.0) -> None:
         self.kill()

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output process: owns all ports of devices, and silences the devices on any failure.
 
-Run as ``python -m hfx_blender.devices.host.host PID`` by the process PID. Messages come over
-standard input, events go out over standard output as JSON messages. Needs neither Blender nor a
+Run as ``python -m hfx_blender.devices.host.host PID PIPE`` by the process PID. Messages come over
+standard input, stops and pauses also over the pipe of number PIPE, past all messages on their way.
+Events go out over standard output as JSON messages. Needs neither Blender nor a
 window.
 
 Causes of silence: a stop message, the end of standard input or of process PID, SIGTERM, an
@@ -19,11 +20,12 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
+from collections.abc import Callable
 from functools import partial
 from math import isnan
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import IO, Any, BinaryIO, Final
 
 from ...errors import InputError
 from ...files import resources
@@ -36,6 +38,7 @@ from ...processes.messages import (
     json_message,
     messages,
 )
+from ...processes.worker import urgent_pipe
 from ..configuration import load_device
 from ..configurations.person_profile import personal
 from ..workers.message_bodies import decode_values
@@ -56,6 +59,8 @@ PAUSE_S: Final = 10.0
 """Longest pause that Blender may announce, seconds; all devices are silent during a pause."""
 
 MAX_DEVICES: Final = 64
+_SILENCES: Final = (MessageKind.STOP, MessageKind.PAUSE)
+_PLAYING: Final = (MessageKind.ARM, MessageKind.VALUES, MessageKind.HAPTICS, MessageKind.PULSE)
 _WATCH_S: Final = 0.02
 _MAX_EVENTS: Final = 1000
 
@@ -107,6 +112,9 @@ class Host:
         # Longest time to the next message, seconds, before Blender counts as frozen.
         self.patience_s = HEARTBEAT_S
         self._is_frozen = False
+        # STOP and PAUSE executed ahead: read from the second pipe, and not yet from the first.
+        self._ahead: Counter[tuple[MessageKind, int]] = Counter()
+        self._order = threading.Lock()
         self._budgets = DutyBudgetStore(resources.time_on(), clock)
         threading.Thread(target=self._budgets.save_regularly, name="time on", daemon=True).start()
         # One worker renders for all devices: a moment is decoded once.
@@ -114,13 +122,13 @@ class Host:
             self.take_rendered, self.fail_rendering, clock, lambda: report("prepared")
         )
 
-    def read(self, stream: BinaryIO) -> None:
-        """Execute the messages of a stream; at its end or at a faulty message stop all devices and
-        let this process end."""
-        end = "Blender has gone"
+    def read(self, stream: IO[bytes], receive: Callable[[Message], None] | None = None) -> None:
+        """Pass the messages of a stream to :meth:`receive`, by default; at its end or at a faulty
+        message stop all devices and let this process end."""
+        end, receive = "Blender has gone", receive or self.receive
         try:
             for message in messages(stream):
-                self.receive(message)
+                receive(message)
         except MessageError as error:
             end = f"Blender sent {error}"
         except Exception as error:
@@ -150,12 +158,45 @@ class Host:
         now = self._clock.now()
         self._stop_after_standstill(now)
         # A pause of all devices announces work of Blender that sends no messages.
-        is_work = message.kind is MessageKind.PAUSE and message.device == EVERY_DEVICE
+        is_work = message[:2] == (MessageKind.PAUSE, EVERY_DEVICE)
+        is_work |= self._ahead[MessageKind.PAUSE, EVERY_DEVICE] > 0
         self.patience_s = PAUSE_S if is_work else HEARTBEAT_S
         self._last_sign_s = now
         self.take(message, now)
         for thread in list(self.device_threads.values()):
             thread.sign(now)
+
+    def receive_ahead(self, message: Message) -> None:
+        """Execute STOP or PAUSE of the second pipe, unless :meth:`take` was faster: a device may
+        have been armed since. Other messages, and messages for further devices, are ignored."""
+        kind, number = message.kind, message.device
+        if kind not in _SILENCES:
+            return
+        with self._order:
+            self._ahead[kind, number] += 1  # first: values on their way are void from now on
+            if self._ahead[kind, number] <= 0:
+                return
+            if (kind, number) == (MessageKind.PAUSE, EVERY_DEVICE):
+                self.patience_s, self._last_sign_s = PAUSE_S, self._clock.now()
+            for thread in self._threads_of(number):
+                self._pass_on(thread, message, 0.0)
+        if number == EVERY_DEVICE:
+            self.rendering.forget()
+            if kind is MessageKind.STOP:
+                self._report("silent")
+
+    def _is_void(self, kind: MessageKind, number: int) -> bool:
+        """Test that a message of the first pipe, which would let a device play, was sent before a
+        silence that was executed ahead."""
+        silences = _SILENCES[:1] if kind is MessageKind.ARM else _SILENCES
+        return any(self._ahead[x, n] > 0 for x in silences for n in (number, EVERY_DEVICE))
+
+    def _threads_of(self, number: int) -> list[DeviceThread]:
+        """Threads of a device's number, empty if unknown, or of :data:`EVERY_DEVICE`."""
+        if number == EVERY_DEVICE:
+            return list(self.device_threads.values())  # a copy, as a CONNECT may add a thread
+        thread = self.device_threads.get(number)
+        return [] if thread is None else [thread]
 
     def take(self, message: Message, read_s: float) -> None:
         """Execute a message that was read at ``read_s``, by the clock of this process.
@@ -171,19 +212,24 @@ class Host:
             # Numbered now: an answer is void if a stop or pause arrives before the answer.
             playing = [(n, thread) for n, thread in self.device_threads.items() if thread.is_armed]
             questions = {number: thread.question(read_s) for number, thread in playing}
+            # After the numbering: a silence ahead comes before this test, or voids the numbers.
+            for number, _ in playing:
+                if self._is_void(kind, number):
+                    del questions[number]
             self.rendering.show(message.body, questions)
             return
-        if message.device == EVERY_DEVICE:
-            # An unsent moment would start the devices again after the silence.
-            if kind in (MessageKind.STOP, MessageKind.PAUSE, MessageKind.SCENE):
-                self.rendering.forget()
-            threads = list(self.device_threads.values())
-        else:
-            threads = [x for x in (self.device_threads.get(message.device),) if x is not None]
+        is_ahead = False
+        if kind in _SILENCES:
+            with self._order:
+                is_ahead = self._ahead[kind, message.device] > 0
+                self._ahead[kind, message.device] -= 1
+        # An unsent moment would start the devices again after the silence.
+        if message.device == EVERY_DEVICE and kind in (*_SILENCES, MessageKind.SCENE):
+            self.rendering.forget()
         # The threads come first: devices are silent before the render worker gets a new scene.
-        for thread in threads:
+        for thread in self._threads_of(message.device):
             self._pass_on(thread, message, read_s)
-        if kind is MessageKind.STOP:
+        if kind is MessageKind.STOP and not is_ahead:
             self._report("silent")
         elif kind is MessageKind.SCENE:
             self.rendering.describe(message.body)
@@ -192,8 +238,15 @@ class Host:
 
     def _pass_on(self, thread: DeviceThread, message: Message, read_s: float) -> None:
         """Execute STOP, ARM, PAUSE, SCENE (a pause), VALUES, HAPTICS, PULSE, SETTINGS or DISCONNECT
-        for a device; other kinds, and HAPTICS without a script, are ignored."""
+        for a device; other kinds, HAPTICS without a script, and messages from before a silence that
+        was executed ahead, are ignored."""
         kind = message.kind
+        # Numbered before the test: a silence ahead comes before the test, or voids the number.
+        is_question = kind is MessageKind.HAPTICS and thread.script is not None
+        is_question |= kind is MessageKind.VALUES
+        question = thread.question(read_s) if is_question else None
+        if kind in _PLAYING and self._is_void(kind, thread.number):
+            return
         if kind is MessageKind.STOP:
             thread.stop(message.body.decode(errors="replace") or "stopped by you")
         elif kind is MessageKind.ARM:
@@ -201,9 +254,8 @@ class Host:
         elif kind in (MessageKind.PAUSE, MessageKind.SCENE):
             thread.pause()
         elif kind is MessageKind.VALUES:
-            thread.feed(decode_values(message.body), thread.question(read_s))
+            thread.feed(decode_values(message.body), question)
         elif kind is MessageKind.HAPTICS and thread.script is not None:
-            question = thread.question(read_s)
             thread.script.ask(message.body, partial(thread.feed, question=question))
         elif kind is MessageKind.PULSE:
             thread.pulse(int(decode_json(message.body).get("actuator", -1)))
@@ -376,6 +428,9 @@ def main() -> None:
         target=host.read, args=(sys.stdin.buffer,), name="messages", daemon=True
     )
     parent = int(sys.argv[1]) if len(sys.argv) > 1 else os.getppid()
+    if len(sys.argv) > 2:
+        ahead = (urgent_pipe(sys.argv[2]), host.receive_ahead)
+        threading.Thread(target=host.read, args=ahead, name="stops", daemon=True).start()
     watcher = threading.Thread(target=host.end_with, args=(parent,), name="Blender", daemon=True)
     reason = "the output process ended"
     try:

@@ -64,7 +64,7 @@ class DeviceState:
 
 class LiveClient:
     """Devices connected to Blender; no method waits for a device or for the output process. Stops,
-    pauses and mutes wait up to 10 ms for the thread that writes to the process.
+    pauses and mutes reach the process past all other messages.
 
     :meth:`heartbeat` has to be called several times within 250 ms, from the thread to be watched;
     otherwise all devices stop. ``devices`` has the states of the connected devices by name, which
@@ -140,6 +140,8 @@ class LiveClient:
     def close_port(self, name: str) -> None:
         """Request stop and closing of a device's port, without waiting; the state becomes "closed",
         or "lost" without a confirmed stop. Unknown names are ignored."""
+        if name in self.devices:
+            self.pipe.silence(MessageKind.STOP, self.devices[name].number, "disconnected")
         self._command(MessageKind.DISCONNECT, name)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
@@ -191,9 +193,7 @@ class LiveClient:
             # Newly muted: unsent values are void, and a pause silences the device at once.
             if not gain and self._gains.get(number, 1.0):
                 self.pipe.void(EVERY_DEVICE)
-                self.pipe.void(number)
-                self.pipe.send(MessageKind.PAUSE, number)
-                self.pipe.hand_over()
+                self.pipe.silence(MessageKind.PAUSE, number)
         self._gains = gains
 
     def pulse(self, name: str, actuator: int) -> None:
@@ -211,9 +211,7 @@ class LiveClient:
 
     def pause(self) -> None:
         """Silence all devices until the next values, during up to 10 s without heartbeats."""
-        self.pipe.void()
-        self.pipe.send(MessageKind.PAUSE)
-        self.pipe.hand_over()
+        self.pipe.silence(MessageKind.PAUSE)
 
     def arm(self, name: str | None = None) -> None:
         """Let a device, or all devices (None), play again after a stop, from silence."""
@@ -222,17 +220,14 @@ class LiveClient:
     def stop(self, name: str) -> None:
         """Discard a device's unsent values and send a stop; ignored for an unknown name."""
         if name in self.devices:
-            self.pipe.void(self.devices[name].number)
-        self._command(MessageKind.STOP, name)
-        self.pipe.hand_over()
+            self.pipe.silence(MessageKind.STOP, self.devices[name].number)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
         """Silence all devices now, ahead of unsent messages.
 
         :meth:`heartbeat` ends the output process if the stop is not confirmed within 0.2 s.
         """
-        self.pipe.stop(reason)
-        self.pipe.hand_over()
+        self.pipe.silence(MessageKind.STOP, reason=reason)
 
     def close(self) -> None:
         """Stop all devices, end the output process within about a second, and clear

@@ -21,6 +21,7 @@ from ..workers.live_frame import LiveFrame, encode_live_frame
 
 _MAX_EVENTS: Final = 1000
 _END_S: Final = 1.0
+_MAX_REASON: Final = 1000  # bytes of a stop's text
 _Taken = TypeVar("_Taken")
 
 STOP_PATIENCE_S: Final = 0.2
@@ -97,6 +98,7 @@ class HostPipe:
             received=self.take,
             ended=self._ended,
             outgoing=self.outgoing,
+            has_urgent_pipe=True,
             variables={"OPENBLAS_NUM_THREADS": "1"},  # threads do not pay for small arrays
         )
         self._is_closing, self._is_ready, self._asked_silence_s = False, False, None
@@ -132,29 +134,26 @@ class HostPipe:
             self.newest.pop(device, None)
         self._silences += 1
 
-    def stop(self, reason: str) -> None:
-        """Discard unsent values, and send a stop of all devices ahead of all unsent messages, and
-        again after them. Starts the time limit of :meth:`watch`, unless a stop is unconfirmed."""
-        if not self.is_running:
+    def silence(self, kind: MessageKind, device: int = EVERY_DEVICE, reason: str = "") -> None:
+        """Discard unsent values of a device or of all, and send STOP or PAUSE by both pipes: by the
+        second pipe at once, past all messages, and by the first pipe in order. Between both the
+        output process ignores values for the device. A stop of all devices starts the time limit
+        of :meth:`watch`, unless a stop is unconfirmed."""
+        worker = self.worker
+        if worker is None or not self.is_running:
             return
-        self.void()
-        stop = message(MessageKind.STOP, EVERY_DEVICE, reason.encode())
+        self.void(None if device == EVERY_DEVICE else device)
+        content = message(kind, device, reason.encode()[:_MAX_REASON])
+        is_stop = kind is MessageKind.STOP and device == EVERY_DEVICE
         # Before the message, whose confirmation may arrive before this thread goes on.
-        if self._asked_silence_s is None:
+        if is_stop and self._asked_silence_s is None:
             self._asked_silence_s = self._watched_s = time.monotonic()
             self._halted_s = 0.0
-        if self.urgent:
-            self.urgent.append(stop)  # an unsent message may arm a device: a second stop follows
-        self.urgent.appendleft(stop)
+        # In this thread: the writing thread may wait for a full pipe, or for Python's lock, which
+        # this thread may hold next for a whole frame.
+        worker.urge(content)
+        self.urgent.append(content)
         self._nudge()
-
-    def hand_over(self) -> None:
-        """Wait until the writing thread has taken all messages, at most about 10 ms. After a stop:
-        the thread needs Python's lock, which this thread may hold next for a whole frame."""
-        for _ in range(20):
-            if not self.urgent:
-                return
-            time.sleep(0.0005)
 
     def watch(self) -> None:
         """Kill a ready process that has not confirmed a stop for 0.2 s; create the event "gone"."""
@@ -178,6 +177,7 @@ class HostPipe:
         if worker is None:
             return False
         self.void()
+        worker.urge(message(MessageKind.STOP))
         self.urgent.clear()
         self.urgent.append(message(MessageKind.STOP))
         self._is_closing = True
@@ -234,7 +234,7 @@ class HostPipe:
         except KeyError:
             return b""  # a stream that the present scene does not have
         except Exception as error:
-            self.stop(f"what is felt cannot be handed over ({error})")
+            self.silence(MessageKind.STOP, reason=f"what is felt cannot be handed over ({error})")
             return b""
 
     def _ended(self, worker: Worker, _reason: str) -> None:

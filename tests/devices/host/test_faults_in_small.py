@@ -11,7 +11,6 @@ import sys
 import threading
 import time
 import zlib
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -160,7 +159,8 @@ def test_stop_all_goes_first_and_leaves_no_values_behind(client: LiveClient) -> 
     client.send("band", playing())
     client.stop_all("enough")
     kinds = [item.kind for item in messages(io.BytesIO(next(written)))]
-    assert kinds == [MessageKind.STOP, MessageKind.ARM, MessageKind.STOP]  # not armed at the end
+    assert kinds == [MessageKind.ARM, MessageKind.STOP]  # not armed at the end
+    assert worker.urged == [Message(MessageKind.STOP, EVERY_DEVICE, b"enough")]
     client.heartbeat()
     assert next(written) == message(MessageKind.HEARTBEAT)  # no values
 
@@ -201,11 +201,7 @@ def test_a_stop_confirmed_before_its_call_returns_is_confirmed(
     worker: Any = pipe.worker
     worker.says(MessageKind.JSON, b'{"event": "ready", "device": 0, "text": "1"}')
 
-    class Prompt(deque[bytes]):
-        def appendleft(self, item: bytes) -> None:
-            worker.says(MessageKind.JSON, b'{"event": "silent", "device": 0}')
-
-    pipe.urgent = Prompt()
+    worker.urge = lambda _: worker.says(MessageKind.JSON, b'{"event": "silent", "device": 0}')
     client.stop_all("enough")
     beat(pipe, now, 5.0)
     assert not worker.is_killed
@@ -234,24 +230,19 @@ def test_a_halted_computer_is_no_delay_of_the_output_process(
         lambda client: client.stop("band"),
         lambda client: client.pause(),
         lambda client: client.set_gains({1: 0.0}),
+        lambda client: client.close_port("band"),
     ],
 )
 def test_a_silence_is_written_though_its_thread_keeps_pythons_lock(
     client: LiveClient, silence: Callable[[LiveClient], None]
 ) -> None:
-    written: list[bytes] = []
-    outgoing = client.pipe.outgoing(client.pipe.worker)  # type: ignore[arg-type]
-    threading.Thread(target=lambda: written.extend(outgoing), daemon=True).start()
-    client.heartbeat()
-    time.sleep(0.05)
-    interval_s = sys.getswitchinterval()
-    sys.setswitchinterval(10.0)  # no other thread runs unless this one waits
-    try:
-        silence(client)
-        kinds = [item.kind for item in messages(io.BytesIO(b"".join(written)))]
-    finally:
-        sys.setswitchinterval(interval_s)
-    assert kinds[0] == MessageKind.HEARTBEAT and kinds[1] in (MessageKind.STOP, MessageKind.PAUSE)
+    worker: Any = client.pipe.worker
+    client.arm()
+    silence(client)  # no other thread writes to the second pipe
+    [ahead] = worker.urged
+    in_order = list(messages(io.BytesIO(next(client.pipe.outgoing(worker)))))
+    assert [item.kind for item in in_order[:2]] == [MessageKind.ARM, ahead.kind]
+    assert in_order[1] == ahead and ahead.kind in (MessageKind.STOP, MessageKind.PAUSE)
 
 
 def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(

@@ -320,6 +320,38 @@ def test_an_output_process_that_confirms_no_stop_is_ended(client: LiveClient, lo
     assert "ended" in client.devices["band"].text
 
 
+def _large(number: int) -> bytes:
+    """Begin of a message of 8 MB, whose rest is never sent."""
+    return message(MessageKind.VALUES, number, bytes(8 << 20))[: 1 << 16]
+
+
+@pytest.mark.parametrize("silence", ["stop_all", "stop", "pause", "mute", "close_port"])
+def test_a_silence_waits_for_no_message_on_its_way(
+    client: LiveClient, log: Path, silence: str
+) -> None:
+    play(client, "band", log)
+    state = client.devices["band"]
+    client.pipe.worker.process.stdin.write(_large(state.number))
+    if silence == "mute":
+        client.set_gains({state.number: 0.0})
+    else:
+        getattr(client, silence)(*(["band"] if silence in ("stop", "close_port") else []))
+    until(lambda: not is_loud(rows_of(log)[-1]))
+    os.kill(client.pipe.pid or 0, signal.SIGTERM)  # the rest of the message never comes
+
+
+def test_many_silences_that_nothing_reads_cost_nothing(client: LiveClient, log: Path) -> None:
+    play(client, "band", log)
+    os.kill(client.pipe.pid or 0, signal.SIGSTOP)
+    os.waitpid(client.pipe.pid or 0, os.WUNTRACED)
+    begun = time.monotonic()
+    for _ in range(5000):  # more than a pipe takes
+        client.stop("band")
+        client.pause()
+    assert time.monotonic() - begun < PATIENCE_S
+    os.kill(client.pipe.pid or 0, signal.SIGKILL)
+
+
 def test_sending_never_waits_for_an_output_process_that_sleeps(
     client: LiveClient, log: Path
 ) -> None:

@@ -282,6 +282,106 @@ def test_a_script_that_does_not_answer_within_100_ms_is_overdue_once(
     assert FAULTS_WITHIN_S == 60.0
 
 
+# Stops and pauses by the second pipe
+
+
+SILENCES = [(kind, n) for kind in (MessageKind.STOP, MessageKind.PAUSE) for n in (1, EVERY_DEVICE)]
+
+
+def ahead(session: Session, kind: MessageKind, device: int) -> None:
+    session.host.receive_ahead(Message(kind, device, b"enough"))
+
+
+@pytest.mark.parametrize(("kind", "device"), SILENCES)
+def test_messages_from_before_a_silence_ahead_start_nothing(kind: MessageKind, device: int) -> None:
+    session = Session()
+    session.stream(0.1)
+    assert session.played.port.is_loud()
+    ahead(session, kind, device)
+    silent_s = session.clock.now_s
+    # The first pipe still holds messages from before the silence.
+    for _ in range(20):
+        session.receive(MessageKind.ARM, EVERY_DEVICE)
+        session.receive(MessageKind.PULSE, body=b'{"actuator": 0}')
+        session.stream(0.016)
+    assert session.played.port.last_loud_s() <= silent_s + 0.001
+    assert session.played.thread.is_armed == (kind is MessageKind.PAUSE)
+    session.receive(kind, device, b"enough")
+    session.stream(0.1)
+    assert session.played.port.is_loud() == (kind is MessageKind.PAUSE)
+    session.receive(MessageKind.ARM, EVERY_DEVICE)
+    session.stream(0.1)
+    assert session.played.port.is_loud()
+
+
+@pytest.mark.parametrize(("kind", "device"), SILENCES)
+def test_a_silence_that_comes_late_by_the_second_pipe_stops_nothing_armed_since(
+    kind: MessageKind, device: int
+) -> None:
+    session = Session()
+    session.stream(0.1)
+    session.receive(kind, device)
+    session.receive(MessageKind.ARM, EVERY_DEVICE)
+    session.stream(0.1)
+    ahead(session, kind, device)
+    session.pass_time(0.002)
+    assert session.played.port.is_loud()
+    # The next pair is executed as ever, in either order.
+    ahead(session, kind, device)
+    session.pass_time(0.002)
+    assert not session.played.port.is_loud()
+
+
+def test_a_silence_of_one_device_ahead_leaves_further_devices() -> None:
+    session = Session()
+    second = Played(session.clock)
+    session.host.device_threads[2] = second.thread
+    session.stream(0.1)
+    ahead(session, MessageKind.STOP, 1)
+    session.receive(MessageKind.MOMENT, EVERY_DEVICE, b"moment")
+    assert list(session.shown[-1]) == [2]
+    second.thread.feed(frame())
+    run([session.played, second], 0.1)
+    assert not session.played.port.is_loud() and second.port.is_loud()
+
+
+def test_a_moment_from_before_a_pause_ahead_asks_no_device() -> None:
+    session = Session()
+    session.stream(0.1)
+    ahead(session, MessageKind.PAUSE, EVERY_DEVICE)
+    session.receive(MessageKind.MOMENT, EVERY_DEVICE, b"moment")
+    assert not session.shown[-1]
+    session.receive(MessageKind.PAUSE, EVERY_DEVICE)
+    session.receive(MessageKind.MOMENT, EVERY_DEVICE, b"moment")
+    assert list(session.shown[-1]) == [1]
+
+
+def test_a_pause_ahead_announces_work_of_blender_until_its_twin() -> None:
+    session = Session()
+    ahead(session, MessageKind.PAUSE, EVERY_DEVICE)
+    assert session.host.patience_s == PAUSE_S
+    session.receive(MessageKind.HEARTBEAT, EVERY_DEVICE)  # from before the pause
+    assert session.host.patience_s == PAUSE_S
+    session.receive(MessageKind.PAUSE, EVERY_DEVICE)
+    assert session.host.patience_s == PAUSE_S
+    session.receive(MessageKind.HEARTBEAT, EVERY_DEVICE)
+    assert session.host.patience_s == HEARTBEAT_S
+
+
+@pytest.mark.parametrize("is_ahead", [True, False])
+def test_a_stop_is_confirmed_once_by_the_faster_pipe(is_ahead: bool) -> None:
+    reported: list[str] = []
+    host = Host(lambda event, *_, **__: reported.append(event), FakeClock())  # type: ignore[arg-type]
+    stop = Message(MessageKind.STOP, EVERY_DEVICE, b"enough")
+    first, second = (
+        (host.receive_ahead, host.receive) if is_ahead else (host.receive, host.receive_ahead)
+    )
+    first(stop)
+    assert reported == ["silent"]
+    second(stop)
+    assert reported == ["silent"]
+
+
 # Mute
 
 
@@ -294,6 +394,7 @@ class ToleratedFaults(LiveClient):
         self.pipe.send = lambda kind, device=EVERY_DEVICE, body=b"": self.order.append(  # type: ignore[method-assign]
             (kind, device)
         )
+        self.pipe.silence = lambda kind, device: self.order.append((kind, device))  # type: ignore[method-assign]
         self.pipe.void = lambda device=None: self.order.append(("void", device))  # type: ignore[method-assign]
         self.pipe.replace = lambda device, newest: self.order.append("show")  # type: ignore[method-assign]
 
@@ -302,7 +403,7 @@ def test_mute_silences_only_the_muted_device_at_once() -> None:
     client = ToleratedFaults()
     for gains in ({}, {2: 0.5}, {2: 0.0}, {2: 0.0, 3: 1.0}, {2: 0.5}, {2: 0.0}):
         client.show(LiveFrame(0.0, [], gains))
-    muted = [("void", EVERY_DEVICE), ("void", 2), (MessageKind.PAUSE, 2), "show"]
+    muted = [("void", EVERY_DEVICE), (MessageKind.PAUSE, 2), "show"]
     assert client.order == ["show", "show", *muted, "show", "show", *muted]
 
 

@@ -447,7 +447,7 @@ def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:
     huge = replace(vibration(STREAMS[0], 1.0, 80.0), weights=np.ones(1 << 23, np.float32))
     stopped: list[str] = []
     pipe = client.pipe
-    pipe.stop = stopped.append  # type: ignore[method-assign, assignment]
+    pipe.silence = lambda _kind, reason: stopped.append(reason)  # type: ignore[assignment]
     assert pipe.encoded(LiveFrame(0.0, [huge]), places()) == b""
     assert "cannot be handed over" in stopped[0]
     assert pipe.encoded(moment(), {}) == b""  # of the scene before: no fault
