@@ -100,6 +100,32 @@ def _row(name: str, modality: str, parts: object) -> tuple[float, ...]:
     return tuple(row[part] for part in PARTS)
 
 
+AGES: Final = (20.0, 80.0)
+"""Youngest and oldest age, years, of the measured rise of touch thresholds."""
+
+_RISE_PER_YEAR: Final = 0.01
+"""Rise of spatial thresholds of touch from 20 to 80 years (Stevens and Patterson, Somatosensory and
+Motor Research 1995: "approximately 1% per annum")."""
+
+
+def aged(targets: Targets, years: float) -> Targets:
+    """Targets of a person of an age, from those of young adults; a new table.
+
+    Pressure and vibration rise by 1 % of the young value each year from 20 on. Temperature stays:
+    no rate of its spatial thresholds is published. Raises InputError for an age outside ``AGES``.
+    """
+    youngest, oldest = AGES
+    if not youngest <= years <= oldest:
+        raise InputError(f"--age {years:g}: allowed are {youngest:g} to {oldest:g} years.")
+    factor = 1.0 + _RISE_PER_YEAR * (years - youngest)
+    return {
+        modality: row
+        if modality == "temperature"
+        else tuple(min(round(factor * value, 4), LARGEST_MM) for value in row)
+        for modality, row in targets.items()
+    }
+
+
 def canonical_id(modality: str) -> str:
     """Id of the shipped model of a modality."""
     return f"hfx-{modality}-1"

@@ -30,6 +30,12 @@ def add_parser(commands: Any) -> None:
         help="spacings: literature (default), table1 (HFX Studio's), or a JSON file",
     )
     build.add_argument(
+        "--age",
+        type=float,
+        metavar="YEARS",
+        help="spacings of pressure and vibration at this age, 20 to 80: 1 %% more each year",
+    )
+    build.add_argument(
         "--method",
         choices=("cells", "quadric"),
         help="cells: even cells of skin (default); quadric: decimation of each part, as in "
@@ -79,24 +85,31 @@ def _build(options: argparse.Namespace, console: Console) -> int:
     if options.levels:
         return _levels(options, console)
     method, is_variant = options.method or "cells", options.variant is not None
-    if is_variant and (options.targets is not None or options.method is not None):
-        raise UsageError("--variant keeps the canonical vertices: remove --targets and --method.")
+    if is_variant and any(x is not None for x in (options.targets, options.method, options.age)):
+        raise UsageError(
+            "--variant keeps the canonical vertices: remove --targets, --age and --method."
+        )
     if is_variant:
         person = variant.parse(options.variant)
         folder = _folder(options, f"variant-{person.suffix[1:]}", "--variant")
         manifest = variant_models.build(options.source, folder, person, progress)
     else:
         targets = thresholds.read(options.targets or "literature")
+        if options.age is not None:
+            targets = thresholds.aged(targets, options.age)
         is_changed = targets != thresholds.LITERATURE_MM or method != "cells"
         if options.install is not None and not is_changed:
             raise UsageError(
-                "--install needs --variant, --targets or --method: the canonical models are "
+                "--install needs --variant, --targets, --age or --method: the canonical models are "
                 "installed already."
             )
         name = Path(options.targets or "literature").stem + (
             "" if method == "cells" else "-quadric"
         )
-        option = "--targets" if targets != thresholds.LITERATURE_MM else "--method quadric"
+        name += "" if options.age is None else f"-age-{options.age:g}"
+        option = "--method quadric"
+        if targets != thresholds.LITERATURE_MM:
+            option = "--targets" if options.age is None else "--age"
         folder = _folder(options, name, option if is_changed else None)
         manifest = build.build(options.source, folder, targets, progress, method)
     for name, facts in manifest["models"].items():
@@ -129,7 +142,7 @@ def _folder(options: argparse.Namespace, name: str, non_canonical: str | None) -
 def _levels(options: argparse.Namespace, console: Console) -> int:
     from ..body_building import build
 
-    excluded = ("source", "targets", "method", "variant", "install")
+    excluded = ("source", "targets", "age", "method", "variant", "install")
     if any(getattr(options, name) is not None for name in excluded):
         raise UsageError("--levels allows only -o DIR: remove the other options.")
     folder = options.output or resources.body_models()

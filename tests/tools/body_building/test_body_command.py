@@ -40,12 +40,14 @@ def run(*words: object) -> tuple[str, str]:
 @pytest.mark.parametrize(
     ("words", "message"),
     (
-        (["--variant", "age=8", "--targets", "table1"], "remove --targets and --method"),
-        (["--variant", "age=8", "--method", "quadric"], "remove --targets and --method"),
+        (["--variant", "age=8", "--targets", "table1"], "remove --targets, --age and --method"),
+        (["--variant", "age=8", "--method", "quadric"], "remove --targets, --age and --method"),
         (["--variant", "age=8"], "--variant needs a separate folder"),
         (["--method", "quadric"], "--method quadric needs a separate folder"),
         (["--targets", "table1"], "--targets needs a separate folder"),
-        (["--install"], "--install needs --variant, --targets or --method"),
+        (["--variant", "age=8", "--age", "70"], "remove --targets, --age and --method"),
+        (["--age", "70"], "--age needs a separate folder"),
+        (["--install"], "--install needs --variant, --targets, --age or --method"),
         (["--variant", "age=8", "--install", "-o", "x"], "remove -o DIR"),
         (["--variant", "age=8", "--install", "../x"], "expected a plain name"),
         (["--variant", "age=8", "--install", ".x"], "expected a plain name"),

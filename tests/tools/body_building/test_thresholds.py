@@ -33,6 +33,21 @@ def test_table_1_has_10_where_the_paper_repeats_a_row() -> None:
     assert thresholds.TABLE_1_SD_MM["vibration"][sole] == 10.7
 
 
+def test_spacings_of_touch_rise_by_a_percent_each_year() -> None:
+    # Stevens and Patterson 1995: about 1 % per annum between ages 20 and 80.
+    young, old = thresholds.LITERATURE_MM, thresholds.aged(thresholds.LITERATURE_MM, 80.0)
+    assert thresholds.aged(young, 20.0) == young
+    fingers = PARTS.index("fingers")
+    assert (old["pressure"][fingers], old["vibration"][fingers]) == (4.0, 3.2)  # 2.5, 2 times 1.6
+    assert old["temperature"] == young["temperature"]
+    assert thresholds.aged(young, 45.0)["pressure"][0] == 9.375  # 7.5 * 1.25
+    wide = {"vibration": (250.0,) * len(PARTS)}
+    assert thresholds.aged(wide, 80.0)["vibration"] == (300.0,) * len(PARTS)
+    for years in (19.9, 80.1, float("nan")):
+        with pytest.raises(InputError, match="allowed are 20 to 80 years"):
+            thresholds.aged(young, years)
+
+
 def test_canonical_ids_belong_to_the_literature_alone() -> None:
     for modality, row in thresholds.LITERATURE_MM.items():
         assert thresholds.model_id(modality, row) == f"hfx-{modality}-1"
