@@ -231,6 +231,8 @@ class SceneDescription:
     effects: tuple[EffectDescription, ...]
     source: Mapping[str, Any] = field(default_factory=dict)  # name, hash, versions
     warnings: tuple[str, ...] = ()
+    # Settings of perception, see ``rendering/conditioning/feel.py``; empty with all defaults.
+    feel: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def has_volumes(self) -> bool:

@@ -21,7 +21,7 @@ from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
 from ..files import limits
 from ..files.hashes import sha256_of
 from ..reading.description.missed_effects import NEVER_ON, NO_TOUCH, missed_warnings
-from ..text import MOST_LINES, MOST_NAMES, named, printable, shortened
+from ..text import MOST_LINES, MOST_NAMES, counted, named, printable, shortened
 from .result_files import listed
 
 REPORT_SUFFIX = ".report.json"
@@ -249,6 +249,14 @@ def not_played(
         for lost in unrendered(rasters)
         if effects[lost.effect_id] not in ignored
     )
+
+
+def below_threshold(header: TrackHeader, times: FeltTimes | None) -> tuple[str, ...]:
+    """Counted note on felt effects below the detection threshold of skin at all times and parts of
+    the body; empty without such effects, or without ``times``."""
+    levels = {} if times is None else times.strongest_db
+    names = [effect.name for effect in header.effects if levels.get(effect.id, 0.0) < 0.0]
+    return counted(names, "effects stay below the detection threshold of skin (0 dB SL)")
 
 
 _OTHERWISE = {

@@ -51,6 +51,7 @@ from .recording import Recorded, SceneRecorders, record_track
 from .report import (
     REPORT_SUFFIX,
     ExportReport,
+    below_threshold,
     effect_facts,
     encoded_report,
     felt_effects,
@@ -286,6 +287,7 @@ class SceneExport:
             rasters = [raster for _, raster in rendered.played]
             lost = not_played(whole.header, rasters, self._without_clip)
             short = shortfalls(whole.header, rasters, self._without_clip)
+            short += below_threshold(whole.header, recorded.times)
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
         new_warnings = *recorded.warnings, *missed, *rendered.warnings, *silent, *written.left_out

@@ -179,6 +179,31 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         items=TOLERANCES,
         default="STANDARD",
     )
+    equal_feel: BoolProperty(
+        name="Equal Feel",
+        description="Same strength above the detection threshold at all body parts and "
+        "frequencies. Sensitive parts get less than the least sensitive part at 100 Hz",
+        options=set(),
+        update=_tag_scene,
+    )
+    adaptation: FloatProperty(
+        name="Adaptation",
+        description="Time constant with which skin gets used to a lasting effect: 300 s for "
+        "vibration. 0 is off",
+        min=0.0,
+        max=3600.0,
+        unit="TIME_ABSOLUTE",
+        update=_tag_scene,
+    )
+    persistence: FloatProperty(
+        name="Persistence",
+        description="Time constant with which a sensation fades after its end: 0.04 s for fast "
+        "vibration, 0.1 s for slow vibration. 0 is off",
+        min=0.0,
+        max=60.0,
+        unit="TIME_ABSOLUTE",
+        update=_tag_scene,
+    )
     time_unit: EnumProperty(
         name="Times",
         description="Unit of the times of clips in every panel",

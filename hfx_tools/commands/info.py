@@ -87,6 +87,7 @@ def _blend(path: Path) -> dict[str, Any]:
     import bpy
 
     from hfx_blender.authoring.effects.effects import bodies_of, effects_of
+    from hfx_blender.authoring.effects.sensation_levels import level_text
     from hfx_blender.reading.description.activation import activation_of
 
     return {
@@ -103,6 +104,7 @@ def _blend(path: Path) -> dict[str, Any]:
                         "modality": effect.hfx.modality,
                         "kind": effect.hfx.kind.lower(),
                         "clips": len(activation_of(effect).clips),
+                        "above_threshold": level_text(effect) or "no published threshold",
                         **_where(effect),
                     }
                     for effect in effects_of(scene)

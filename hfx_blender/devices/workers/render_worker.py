@@ -46,7 +46,7 @@ class _Rendered:
         values and tones. Strengths are scaled by the device's gain."""
         if moment.play_space is not None:
             self.renderer.move_play_space(moment.play_space)
-        values, partials = self.renderer.ahead(moment.runs, moment.later)
+        values, partials = self.renderer.ahead(moment.runs, moment.later, moment.time_s)
         gain = moment.gains.get(self.rendered.number, 1.0)
         if gain != 1.0:
             # The gain scales distances from silence, which is not 0 for temperatures.

@@ -9,6 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Bool
+from ..body.detection import REFERENCE_HZ, level_db, threshold
+from ..body.model import load_model
+from ..body.parts import PARTS
 from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun
 from ..scene import AnimationBlock, EffectDescription
@@ -30,6 +33,8 @@ class FeltTimes:
     touched: dict[str, bool] = field(default_factory=dict)  # volumes with a contact response
     # By effect and body: number, first and last index of the samples with strength.
     felt: dict[str, dict[str, list[int]]] = field(default_factory=dict)
+    # Largest dB SL by effect; not raised further once at the detection threshold, 0 dB.
+    strongest_db: dict[str, float] = field(default_factory=dict)
 
     def add_levels(self, effects: Sequence[EffectDescription], block: AnimationBlock) -> None:
         """Record a block's levels, of its own samples without the overlap of blocks.
@@ -65,6 +70,13 @@ class FeltTimes:
             if len(indices):
                 span = [len(indices), int(indices[0]), int(indices[-1])]
                 self._count(stream.effect_id, stream.body_id, span)
+                if self.strongest_db.get(stream.effect_id, -np.inf) < 0.0:
+                    self._raise(stream.effect_id, strongest_db(run, stream.effect_id in touching))
+
+    def _raise(self, effect_id: str, level_db: float) -> None:
+        """Raise the largest level of an effect; NaN, of a modality without thresholds, is none."""
+        if not np.isnan(level_db):
+            self.strongest_db[effect_id] = max(self.strongest_db.get(effect_id, level_db), level_db)
 
     def add(self, later: FeltTimes) -> None:
         """Add the counts of another part of the recording, in place."""
@@ -74,6 +86,8 @@ class FeltTimes:
         for effect_id, spans in later.felt.items():
             for body_id, span in spans.items():
                 self._count(effect_id, body_id, span)
+        for effect_id, level in later.strongest_db.items():
+            self._raise(effect_id, level)
 
     def _count(self, effect_id: str, body_id: str, span: list[int]) -> None:
         """Add a span (number, first, last sample index) to that of an effect and body."""
@@ -81,6 +95,23 @@ class FeltTimes:
         # Minimum and maximum: parts of a recording may be added in any order.
         count, first, last = spans.get(body_id, [0, *span[1:]])
         spans[body_id] = [count + span[0], min(first, span[1]), max(last, span[2])]
+
+
+def strongest_db(run: SampleRun, is_contact: bool) -> float:
+    """Largest level of a run, dB SL, over its samples and all body parts; NaN for a modality
+    without thresholds and for a run without vertices, -inf in silence."""
+    modality, strengths = run.stream.modality, run.parameters[:, 0]
+    if modality == "temperature":
+        strengths = np.abs(strengths - neutral_temperature_c(is_contact))
+    # The strongest weight of each set on each part: the vertices of a part share a threshold.
+    weights = np.zeros((len(run.offsets) - 1, len(PARTS)))
+    sets = np.repeat(np.arange(len(weights)), np.diff(run.offsets))
+    part_of = load_model(run.stream.model_id).part
+    np.maximum.at(weights, (sets, part_of[run.vertices]), run.weights)
+    hz = run.parameters[:, 1] if modality == "vibration" else np.full(len(run), REFERENCE_HZ)
+    felt = (run.levels * strengths)[:, None] * weights[run.set_of]
+    levels = level_db(felt, threshold(modality, hz))
+    return float(levels.max()) if len(run.vertices) else np.nan
 
 
 def has_strength(run: SampleRun, is_contact: bool) -> Bool:

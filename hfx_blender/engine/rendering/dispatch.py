@@ -13,7 +13,9 @@ import numpy as np
 
 from ...text import counted
 from ..arrays import F64, I64, Bool
+from ..body.detection import REFERENCE_HZ, equal_feel_factors
 from ..body.model import PerceptualModel
+from ..body.parts import PARTS
 from ..modality import MODALITIES
 from ..samples import SampleRun
 from ..track.header import TrackHeader
@@ -106,6 +108,22 @@ class ActuatorGroup:
                 is_part = on_parts(standing.parts, model)
                 gains[:, column] = room_gains(standing, is_part, run, points)
         return gains
+
+    def equal_gains(self, run: SampleRun) -> F64:
+        """Gains (n, A) for equal dB SL at the body part that most vertices of each actuator belong
+        to; unchanged for driven actuators and substituted modalities."""
+        gains = self.gains(run)
+        if run.drive is not None or run.stream.modality != self.modality:
+            return gains
+        part_of = self._models(run.stream.model_id).part
+        rows = self.cells_on(run.stream.model_id).rows
+        parts = [np.bincount(part_of[row], minlength=len(PARTS)).argmax() for row in rows]
+        hz = (
+            run.parameters[:, 1]
+            if self.modality == "vibration"
+            else np.full(len(run), REFERENCE_HZ)
+        )
+        return gains * equal_feel_factors(self.modality, hz)[:, parts]
 
     def personal_factors(self, strengths: F64) -> F64:
         """Factors (R, A) of strengths (R, A) from 0 by the marks of a person; 1 without marks.

@@ -82,14 +82,14 @@ class MomentRenderer:
         for group in self._renderer.groups:
             group.play_space.move(matrix)
 
-    def values(self, runs: Sequence[SampleRun]) -> F64:
+    def values(self, runs: Sequence[SampleRun], time_s: float | None = None) -> F64:
         """Values (columns,) within the device's limits; neutral without sensations.
 
-        Runs have at most one sample each, of index 0. Raises InputError for a place of the device
-        that does not fit a model.
+        Runs have at most one sample each, of index 0; without the scene's time, ``time_s``, nothing
+        adapts or persists. Raises InputError for a place of the device that does not fit a model.
         """
         self._renderer.restart()
-        self._renderer.add(runs)
+        self._renderer.add(runs, time_s)
         return self._renderer.first_row()
 
     def tones(self) -> list[Partial]:
@@ -98,19 +98,23 @@ class MomentRenderer:
         return list(self._renderer.partials())
 
     def ahead(
-        self, now: Sequence[SampleRun], later: Mapping[float, Sequence[SampleRun]]
+        self,
+        now: Sequence[SampleRun],
+        later: Mapping[float, Sequence[SampleRun]],
+        time_s: float | None = None,
     ) -> tuple[F64, list[Partial]]:
         """Values (columns,) and tones, each actuator's at the time of its response.
 
         ``now`` are samples of the present moment; ``later`` maps a latency in ms to samples so much
-        later. Missing latencies are not compensated.
+        later. Missing latencies are not compensated. ``time_s`` as of :meth:`values`, of ``now``.
         """
-        values, tones = self.values(now), self.tones()
+        values, tones = self.values(now, time_s), self.tones()
         for latency_ms, (columns, is_late) in self._late.items():
             if latency_ms not in later:
                 continue
             self._renderer.latency_ms = latency_ms
-            values[columns] = self.values(later[latency_ms])[columns]
+            late_s = None if time_s is None else time_s + latency_ms / 1e3
+            values[columns] = self.values(later[latency_ms], late_s)[columns]
             self._renderer.latency_ms = 0.0
             if is_late.any():
                 # Of the later moment's tones only these actuators play, of the earlier the rest.

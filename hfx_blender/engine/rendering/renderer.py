@@ -30,6 +30,7 @@ from .conditioning.actuator_limits import (
     rounded,
     rows_of,
 )
+from .conditioning.feel import Feel, SkinMemory
 from .conditioning.frequency import (
     TONE_PAIR_HZ,
     Partial,
@@ -123,6 +124,8 @@ class Renderer:
         self._missing = MissingActuators(device)
         self._rhythm_s = rhythm_s(device.scheme)
         self._bursts: dict[tuple[Stream, str, float], Bursts] = {}
+        self._feel = Feel.of_settings(header.settings)
+        self._memories: dict[float, SkinMemory] = {}
         self.latency_ms = 0.0
 
     def restart(self) -> None:
@@ -132,16 +135,42 @@ class Renderer:
         self._values = np.tile(self._neutral, (len(self._values), 1))
         self._next_row = 0
 
-    def add(self, runs: Iterable[SampleRun]) -> None:
+    def add(self, runs: Iterable[SampleRun], time_s: float | None = None) -> None:
         """Render the next block: all runs of its times; runs on other bodies are ignored.
 
-        Raises InputError for a place off a model, or a model other than the track's, and ValueError
-        for a block not later than the blocks before.
+        ``time_s`` is the scene's time of a live moment, for adaptation and persistence. Raises
+        InputError for a place off a model, or a model other than the track's, and ValueError for a
+        block not later than the blocks before.
         """
         runs = [run for run in runs if run.stream.body_id == self.body_id and len(run)]
         runs = [self._drives.on_device(run) for run in runs]
-        if not runs:
-            return
+        if self._feel.has_memory:
+            stop = max((int(run.indices[-1]) + 1 for run in runs), default=0)
+            runs = self._remembered(runs, stop, time_s)
+        if runs:
+            self._render(runs)
+
+    def _remembered(
+        self, runs: Sequence[SampleRun], stop: int, time_s: float | None = None
+    ) -> list[SampleRun]:
+        """Runs with adaptation and persistence at rows before ``stop`` not yet rendered; of a live
+        moment, with ``time_s``, at row 0."""
+        rows = np.arange(self._next_row, stop if time_s is None else 1)
+        if not len(rows):
+            return list(runs)
+        times_s = self._header.time.times_s(rows) if time_s is None else np.array([time_s])
+        memory = self._memories.setdefault(self.latency_ms, SkinMemory(self._feel))
+        return memory.felt(runs, rows, times_s)
+
+    def _end(self) -> None:
+        """Render what persists after the last block; no block can be added afterwards."""
+        if self._feel.has_memory:
+            if runs := self._remembered((), len(self._values)):
+                self._render(runs)
+            self._next_row = len(self._values)
+
+    def _render(self, runs: Sequence[SampleRun]) -> None:
+        """Render one or more runs of the next rows."""
         rows = np.unique(np.concatenate([run.indices for run in runs]))
         # Blocks in order of time are required by held frequencies.
         if rows[0] < self._next_row or rows[-1] >= len(self._values):
@@ -157,10 +186,12 @@ class Renderer:
             masks = np.zeros((5, len(run)), np.bool_)
             outcomes.append(_Outcome(run.indices, strengths, *masks))
         for group in self.groups:
+            is_equal = self._feel.is_equal
             shares = [
-                _GroupShare(run, outcome, np.searchsorted(rows, run.indices), group.gains(run))
+                _GroupShare(run, outcome, np.searchsorted(rows, run.indices), gains)
                 for run, outcome in zip(runs, outcomes, strict=True)
                 if group.renders(run.stream.modality)
+                for gains in [group.equal_gains(run) if is_equal else group.gains(run)]
             ]
             if not shares:
                 continue
@@ -332,6 +363,7 @@ class Renderer:
         """Values (T, columns) for a device's script: earlier by each actuator's latency, if
         compensated; within its limits, neutral for rows with a non-finite value; not yet held for
         update intervals. Call after the last block is added."""
+        self._end()
         values = np.zeros_like(self._values)
         for part, kind in self._parts():
             values[:, part] = self._limited(self._early(part, kind), part)
@@ -344,6 +376,7 @@ class Renderer:
         held and limited like all values; None without a script. Samples at changed rows count as
         rendered if any actuator plays there, else as not rendered.
         """
+        self._end()
         time = self._header.time
         # Latency before holding: an update interval begins at the sending of a value.
         for part, kind in self._parts():

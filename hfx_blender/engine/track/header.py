@@ -148,7 +148,7 @@ class TrackHeader:
             effects=tuple(effects),
             streams=tuple(streams),
             source=scene.source,
-            settings=with_drives(settings, scene),
+            settings={**with_drives(settings, scene), **scene.feel},
             tools=tools,
             warnings=scene.warnings,
         )

@@ -42,6 +42,7 @@ from ..curves.curve_reading import is_steady
 from ..stepped import reached
 from ..stepped.simulation import Simulation
 from . import activation, area_values, response_values, soundness, visibility
+from .scene_settings import scene_feel
 
 IN_SCENE = ("VOLUME", "SURFACE")
 """Kinds of effects in the scene; bodies must be posed for them."""
@@ -321,6 +322,7 @@ def describe(
         effects=(*described.values(), *more),
         source=_source(haptics.scene),
         warnings=tuple(dict.fromkeys(warnings)),
+        feel=scene_feel(haptics.scene),
     )
 
 

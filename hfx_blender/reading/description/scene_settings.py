@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import bpy
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from ...blender.stored_values import bad_values
 from ...devices.configuration import load_device, named_in_blend
 from ...engine.arrays import F64
+from ...engine.rendering.conditioning.feel import Feel
 from ...engine.rendering.device_config import DeviceConfig
 from ...engine.scene import TimeBase
 from ...engine.tolerance import PREVIEW, Tolerance, parse
@@ -79,6 +81,12 @@ def live_tolerance(scene: bpy.types.Scene) -> Tolerance:
     """Tolerance of preview and live devices: PREVIEW, or the export tolerance, see
     :func:`scene_tolerance`."""
     return PREVIEW if scene.hfx.live_tolerance == "PREVIEW" else scene_tolerance(scene)
+
+
+def scene_feel(scene: bpy.types.Scene) -> dict[str, Any]:
+    """Track setting of the scene's *Equal Feel*, adaptation and persistence; empty by default."""
+    hfx = scene.hfx
+    return Feel(hfx.equal_feel, hfx.adaptation, hfx.persistence).as_setting()
 
 
 def play_space_poses(scene: bpy.types.Scene, time: TimeBase, unit_m: float) -> F64 | None:

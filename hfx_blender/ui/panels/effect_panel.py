@@ -9,7 +9,7 @@ from bl_ui.utils import PresetPanel
 
 from ...authoring import responses
 from ...authoring.clips import strips_of
-from ...authoring.effects import effects
+from ...authoring.effects import effects, sensation_levels
 from ...authoring.painting import PAINTED_EFFECT, canvas_of
 from ...authoring.paths import paths
 from ...authoring.surfaces import surfaces
@@ -79,6 +79,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             draw_with_unit(layout, hfx, control.prop, f"{translated(label)} ({control.symbol})")
         if hfx.modality == "temperature":
             layout.prop(hfx, "temperature_reference")
+        _draw_level(layout, effect)
         if hfx.kind == "VOLUME":
             if hfx.shape != "MESH":
                 layout.prop(hfx, "shape")
@@ -89,6 +90,18 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             layout.prop(hfx, "body")
             if effects.body_in(context.scene, effect) is None:
                 draw_moving(context, layout, "ACTIVE")
+
+
+def _draw_level(layout: bpy.types.UILayout, effect: bpy.types.Object) -> None:
+    """Draw the strength in dB SL; a warning below the detection threshold everywhere."""
+    try:
+        text = sensation_levels.level_text(effect)
+    except InputError:
+        return  # the panel of the area states the fault
+    if text:
+        row = layout.row()
+        row.alert = text.rpartition("to ")[2].startswith("-")
+        row.label(text=translated(f"Above threshold: {text}"), icon="MOD_INSTANCE")
 
 
 class _Presets:

@@ -227,6 +227,20 @@ class HFX_PT_sampling(HfxPanel, bpy.types.Panel):
             layout.prop(context.scene.hfx, "tolerance_custom", text=" ")
 
 
+class HFX_PT_perception(HfxPanel, bpy.types.Panel):
+    """Perception of the wearer, in exports and live playback"""
+
+    bl_label = "Perception"
+    bl_parent_id = "HFX_PT_export"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        for name in ("equal_feel", "adaptation", "persistence"):
+            layout.prop(context.scene.hfx, name)
+
+
 class HFX_PT_media(HfxPanel, bpy.types.Panel):
     """Sound and video to be heard and seen with the haptics"""
 

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Strength of an effect above the detection threshold, for panels and ``hfx info``."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...blender.stored_values import limited
+from ...engine.body.detection import level_db, threshold
+from ...engine.body.model import load_model
+from ...engine.modality import MODALITIES, neutral_temperature_c
+from . import effects
+
+
+def level_text(effect: bpy.types.Object) -> str:
+    """Strength at full activation, such as "7 to 34 dB SL": on the least and the most sensitive
+    part of a painted area, otherwise of the whole body. "" in silence, and for a modality without
+    thresholds. Raises InputError for an invalid painted area or an unknown model."""
+    hfx = effect.hfx
+    modality = MODALITIES[hfx.modality]
+    strength = limited(hfx, modality.strength_parameter.prop)
+    if modality.name == "temperature":
+        strength = abs(strength - neutral_temperature_c(hfx.temperature_reference == "CONTACT"))
+    levels = level_db(
+        strength * limited(hfx, "intensity"),
+        threshold(
+            modality.name, limited(hfx, "frequency") if len(modality.controls) > 1 else 100.0
+        ),
+    )
+    vertices = effects.area(effect)[0] if hfx.kind == "PAINTED" else []
+    if vertices:
+        levels = levels[np.unique(load_model(hfx.model_id).part[vertices])]
+    if not np.isfinite(levels).all():
+        return ""
+    least, most = (f"{level:.0f}".replace("-0", "0") for level in (levels.min(), levels.max()))
+    return f"{most} dB SL" if least == most else f"{least} to {most} dB SL"
