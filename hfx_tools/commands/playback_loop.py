@@ -15,6 +15,9 @@ from hfx_blender.processes.process_end import check
 # Bounds of the time between two frames, seconds; each frame is a sign of life.
 _STEPS_S: Final = (0.01, 0.05)
 
+# Longest wait without a look for a signal, seconds: devices are silent within 50 ms of Ctrl-C.
+_LOOK_S: Final = 0.005
+
 # Time for the last ramp of a device, seconds.
 _FADE_S: Final = 0.1
 
@@ -106,12 +109,15 @@ def play(
 
 def _wait_alive(client: LiveClient, step_s: float) -> None:
     """Send a heartbeat, process events and sleep ``step_s``; DeviceError if no device plays,
-    TerminatedError after a signal."""
+    TerminatedError within 5 ms of a signal."""
     check()
     client.heartbeat()
     client.events()
     _require_playing(client)
-    time.sleep(step_s)
+    end_s = time.monotonic() + step_s
+    while (left_s := end_s - time.monotonic()) > 0.0:
+        time.sleep(min(left_s, _LOOK_S))
+        check()
 
 
 def _require_playing(client: LiveClient) -> None:

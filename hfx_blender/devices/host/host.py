@@ -14,6 +14,7 @@ ends the silence.
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import signal
@@ -422,6 +423,7 @@ def main() -> None:
     # the events.
     events = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
+    gc.freeze()  # a full collection would hold Python's lock for tens of milliseconds
     sys.setswitchinterval(0.001)  # a device thread waits for Python's lock for 1 ms at most
     host = Host(Reporter(events))
     reader = threading.Thread(

@@ -15,8 +15,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,6 +35,7 @@ from hfx_blender.engine.track import TrackWriter
 from hfx_blender.tracking.osc_packets import OscMessage
 from hfx_blender.tracking.receiver import ReceivedMessage
 from hfx_blender.tracking.value_addresses import address_of
+from hfx_tools.commands import playback_loop
 from hfx_tools.live_body.controlled_playback import ControlledSource, weakened
 from hfx_tools.live_body.live_values import LiveValues
 
@@ -265,3 +268,26 @@ def test_followed_clip_is_silent_while_the_clock_stands_and_jumps_over_what_lies
     for time_s in (1.0, 11.0, 5.0, 5.1):
         clip.show(Client(), time_s)  # type: ignore[arg-type]
     assert sent == [1.0, 0.0, 2.0, 2.0]
+
+
+def test_a_signal_is_noticed_within_5_ms_of_a_slow_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame of a track at 20 Hz waits for 50 ms."""
+    now_s, looked_s = [0.0], []
+
+    def check() -> None:
+        looked_s.append(now_s[0])
+
+    def sleep(seconds: float) -> None:
+        now_s[0] += seconds
+
+    clock = SimpleNamespace(monotonic=lambda: now_s[0], sleep=sleep)
+    monkeypatch.setattr(playback_loop, "time", clock)
+    monkeypatch.setattr(playback_loop, "check", check)
+    client: Any = SimpleNamespace(
+        heartbeat=lambda: None,
+        events=lambda: [],
+        devices={"band": SimpleNamespace(is_armed=True)},
+    )
+    playback_loop._wait_alive(client, 0.05)
+    assert now_s[0] == pytest.approx(0.05)
+    assert max(b - a for a, b in pairwise(looked_s)) <= 0.005 + 1e-9
