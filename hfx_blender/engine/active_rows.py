@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
-from math import isfinite
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -39,12 +38,7 @@ def active_rows(
     list in the order of ``effects``. Warns of non-finite values."""
     if not effects:
         return []
-    # Quick paths: a single sample (live), and blocks of finite values only.
-    if len(block.indices) == 1 and block.own == slice(0, 1):
-        values = [[*b.levels.tolist(), *b.parameters[0].tolist()] for b in block.effects]
-        if all(map(isfinite, chain(*values))):
-            none, only = np.zeros(0, np.int64), np.zeros(1, np.int64)
-            return [only if level > 0.0 else none for level, *_ in values]
+    # Quick path: blocks of finite values only.
     parts = [animated.levels for animated in block.effects]
     parts += [animated.parameters.ravel() for animated in block.effects]
     values_of_all, count = np.concatenate(parts), len(block.indices)
@@ -140,11 +134,6 @@ def warn_of_point(active: Bool, pose: PoseBlock, body: BodyDescription, counters
     if count:
         text = f"body '{body.name}' is scaled to nothing: all of it is felt at one point"
         counters.warn(text, count)
-
-
-def of_read(rows: I64, pose: PoseBlock) -> I64:
-    """Rows, of ``rows``, at which a body was read (valid: not disabled)."""
-    return rows if pose.valid.all() else rows[pose.valid[rows]]
 
 
 def with_pose(

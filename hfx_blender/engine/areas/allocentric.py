@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ..active_rows import ActiveEffect, followed, of_read, with_pose
+from ..active_rows import ActiveEffect, followed, with_pose
 from ..arrays import I64, Bool
 from ..contact import contacts
 from ..contact.broad_phase import BlockBroadPhase
@@ -195,7 +195,7 @@ class AllocentricAreas:
     def _with_pose(self, rows: I64, pose: PoseBlock, posed: I64, body: BodyDescription) -> I64:
         """Rows at which the body was read (enabled) and the pose is known; warns of rows read
         without known pose."""
-        read, builder = of_read(rows, pose), self._builder
+        read, builder = rows[pose.valid[rows]], self._builder
         return with_pose(read, posed, body, builder.counters, needs_pose=builder.wants_motion)
 
     def answered(

@@ -27,7 +27,7 @@ class _Skin:
 
     def __init__(self, model: PerceptualModel) -> None:
         self._part = model.part
-        self._bone = np.array(model.bone_names)[strongest_bones(model)]
+        self._bone_names, self._bone = model.bone_names, strongest_bones(model)
         self.is_front: Bool = model.normals @ _FRONT > 0.0
         depth = model.vertices @ _FRONT
         head = depth[self.part("head")]
@@ -46,10 +46,7 @@ class _Skin:
     def bone(self, *starts: str) -> Bool:
         """Mask (V,) of vertices whose strongest bone has a name that begins with any of
         ``starts``."""
-        mask = np.zeros(len(self._bone), np.bool_)
-        for start in starts:
-            mask |= np.char.startswith(self._bone, start)
-        return mask
+        return np.array([name.startswith(starts) for name in self._bone_names])[self._bone]
 
 
 def _neck(skin: _Skin) -> Bool:

@@ -106,10 +106,9 @@ class BoneHierarchy:
     """
 
     def __init__(self, parents: Sequence[int], rest: F64, local_location: Sequence[bool]) -> None:
-        inverse = affine_inverse(rest)
-        self._rest, self._inverse = _elements(rest), _elements(inverse)
         self._parents = np.array(parents, np.int64)
-        self._rows: tuple[F64, F64] = f64(rest[:, :3]), f64(inverse[:, :3])
+        self._rest: F64 = f64(rest[:, :3])
+        self._inverse: F64 = f64(affine_inverse(rest)[:, :3])
         self._other_axes = [
             (bone, rest[parents[bone], :3, :3] if parents[bone] >= 0 else np.eye(3))
             for bone in np.flatnonzero(~np.asarray(local_location, np.bool_)).tolist()
@@ -139,43 +138,30 @@ class BoneHierarchy:
         native = library()
         if native is not None and not self._other_axes:
             skinning = np.empty((*locations.shape[:2], 3, 4))
-            constants = self._order, self._parents, *self._rows
+            constants = self._order, self._parents, self._rest, self._inverse
             channels_of = locations, turned, scales
             native.hfx_rig_pose(*locations.shape[:2], *constants, *channels_of, skinning)
             return skinning
-        channels = np.empty((3, 4, *locations.shape[:2]))
-        channels[:, :3] = turned.transpose(2, 3, 0, 1) * scales.transpose(2, 0, 1)
-        channels[:, 3] = locations.transpose(2, 0, 1)
+        channels = transforms(locations, turned, scales)[..., :3, :]
         # Locations along other axes are added after the change of basis.
         for bone, _ in self._other_axes:
-            channels[:, 3, :, bone] = 0.0
+            channels[:, bone, :, 3] = 0.0
         moved = _product(_product(self._rest, channels), self._inverse)
         for bone, axes in self._other_axes:
-            moved[:, 3, :, bone] += axes @ locations[:, bone].T
-        posed = moved[..., self._order]
+            moved[:, bone, :, 3] += (axes @ locations[:, bone].T).T
+        posed = moved[:, self._order]
         # S = S_parent (R B R^-1), level by level, since parents are posed before.
         for level, above in self._levels:
-            posed[..., level] = _product(posed[..., above], posed[..., level])
-        skinning = np.empty((*locations.shape[:2], 3, 4))
-        skinning[:, self._order] = posed.transpose(2, 3, 0, 1)
-        return skinning
-
-
-def _elements(matrices: F64) -> F64:
-    """(B, 4, 4) to (3, 4, 1, B): elements first, each a contiguous array."""
-    return np.ascontiguousarray(matrices[:, :3].transpose(1, 2, 0))[:, :, None]
+            posed[:, level] = _product(posed[:, above], posed[:, level])
+        moved[:, self._order] = posed
+        return moved
 
 
 def _product(first: F64, second: F64) -> F64:
-    """Products of affine matrices (3, 4, T or 1, B), elements first, broadcast: first @ second."""
-    shape = np.broadcast_shapes(first.shape, second.shape)
-    product = np.empty(shape)
-    for row in range(3):
-        product[row] = first[row, 0] * second[0]
-        product[row] += first[row, 1] * second[1]
-        product[row] += first[row, 2] * second[2]
-        # The last row of an affine matrix is (0, 0, 0, 1), and is not stored: its 1 adds the shift.
-        product[row, 3] += first[row, 3]
+    """Products first @ second of affine matrices (..., 3, 4), whose last row is not stored."""
+    parts: list[F64] = [first[..., k, None] * second[..., k, None, :] for k in range(3)]
+    product = parts[0] + parts[1] + parts[2]
+    product[..., 3] += first[..., 3]
     return product
 
 

@@ -87,15 +87,6 @@ class ActuatorCells:
         """Weights (n, D) of samples at the D reached vertices; 0 outside the sample."""
         count = len(offsets) - 1
         dense = np.zeros((count, len(self.reached)), np.float32)
-        size = int(offsets[1] - offsets[0])
-        has_one_size = size > 0 and (np.diff(offsets) == size).all()
-        sets = vertices.reshape(count, size) if has_one_size else None
-        # One set for all samples, of a painted area or a body well inside a volume: rows are
-        # copied. Most sets that differ already differ in the last row.
-        if sets is not None and (sets[0] == sets[-1]).all() and (sets == sets[0]).all():
-            shared = np.flatnonzero(self._is_reached[vertices[:size]])
-            dense[:, self._slot_of[vertices[shared]]] = weights.reshape(count, size)[:, shared]
-            return dense
         shared = np.flatnonzero(self._is_reached[vertices])
         # Scatter each sample's shared weights into its row of the dense array.
         firsts = np.searchsorted(shared, offsets - offsets[0])

@@ -47,19 +47,10 @@ def refined(
     """Touches of a volume with impacts, extended by moments between samples.
 
     Live, later samples are unknown: motion is straight, only the time of a touch's beginning is
-    searched, and the speed is that since the last sample.
-
-    Parameters
-    ----------
-    parameters : (T, P) float64
-        Of the effect.
-    run : SampleRun or None
-        Contacts since the sample before, on a straight path, without a response; None without
-        contacts. Those of ``touches`` are at the samples' own times, live since the sample before.
-    loud_until_s : float
-        Time until which impacts before these samples are loud.
-    is_flat : bool
-        The volume has no falloff.
+    searched, and the speed is that since the last sample. ``parameters`` (T, P) are the effect's.
+    ``run`` are the contacts since the sample before, on a straight path, without a response; those
+    of ``touches`` are at the samples' own times, live since the sample before. Impacts before these
+    samples are loud until ``loud_until_s``. ``is_flat``: the volume has no falloff.
     """
     follows = follow_on(moments)
     before = np.concatenate([[False], touches.is_touched[:-1]])

@@ -73,16 +73,9 @@ class IntervalSteps:
 class Intervals:
     """Sample intervals and the motion within.
 
-    Parameters
-    ----------
-    chosen : (n,) int64
-        Indices, among the rows of the moments, of the intervals' ends.
-    parameters : (T, P) float64
-        Of the effect.
-    is_straight : bool
-        Motion is linear between samples.
-    with_passages : bool
-        Contacts of a step include those since the step before.
+    ``chosen`` (n,) are indices, among the rows of the moments, of the intervals' ends;
+    ``parameters`` (T, P) the effect's. ``is_straight``: motion is linear between samples;
+    ``with_passages``: contacts of a step include those since the step before.
     """
 
     def __init__(

@@ -36,11 +36,8 @@ _CUBICS: Final = np.linalg.inv(np.vander(_NODES))  # basis: 1 at one node, 0 at 
 class MotionEstimate:
     """Motion of N rows of D values over an interval, from 0 at the start to 1 at the end.
 
-    Parameters
-    ----------
-    before, after : list of (N, D) float64
-        Values at the interval's start and at samples before, and at the end and at samples after,
-        the nearest first: 1 to 3 each. Rows move independently.
+    ``before`` are values (N, D) at the interval's start and at samples before, ``after`` at the end
+    and at samples after, the nearest first: 1 to 3 each. Rows move independently.
     """
 
     def __init__(self, before: list[F64], after: list[F64]) -> None:

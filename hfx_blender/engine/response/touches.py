@@ -279,10 +279,7 @@ class Moments:
     def _distances(self, mine: I64, local: F64, matrices: F64) -> F64:
         """Distances (n, V) from the volume, metres, of points (3, n, V) in shape space at rows
         ``mine`` (n,)."""
-        index = self.effect.shape_index
-        if index is None:
-            return distances_m(self.effect.shapes[0], local, matrices[mine])
-        which = index[self.rows[mine]]
+        which = self.effect.shapes_at(self.rows[mine])
         distances = np.zeros(local.shape[1:])
         for shape in np.unique(which).tolist():
             rows = np.flatnonzero(which == shape)

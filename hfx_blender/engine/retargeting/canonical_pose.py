@@ -18,6 +18,7 @@ from ..arrays import F64
 from ..body.model import Avatar
 from .bone_regions import REGIONS, region_of
 from .joints import Skeletons, dominant
+from .target import weight_matrix
 from .turns import about, affine, apply, axes_of, extent_of, least_turn, tip_of, twist_about
 
 # Range of plausible changes of girth
@@ -45,17 +46,11 @@ def matrices(avatar: Avatar, bodies: Skeletons, largest_head: float = 2.0) -> F6
     """
     segments = _Segments(avatar, bodies, largest_head)
     bones = np.stack([segments.matrix_of_bone(name) for name in avatar.skeleton.bone_names])
-    weights = avatar.weights
-    owners = np.repeat(np.arange(len(avatar.vertices)), np.diff(weights.offsets))
-    # Linear blend of the 12 affine entries; one bincount each is faster than a sparse product.
-    blended = np.zeros((len(avatar.vertices), 12))
-    for entry in range(12):
-        blended[:, entry] = np.bincount(
-            owners, weights.values * bones[weights.bones].reshape(-1, 16)[:, entry]
-        )
+    # Linear blend of the 12 affine entries.
+    blended = weight_matrix(avatar.weights, len(bones)) @ bones.reshape(-1, 16)[:, :12]
     if not np.isfinite(blended).all():
         raise InputError("Two joints of the armature lie at one place, so a limb has no direction.")
-    return blended.reshape(-1, 3, 4)
+    return np.asarray(blended).reshape(-1, 3, 4)
 
 
 class _Segments:

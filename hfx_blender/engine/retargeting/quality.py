@@ -130,14 +130,6 @@ class FitQuality:
     uncertain_mm: Mapping[str, float] = field(default_factory=dict)  # place -> possible error
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences about bad parts, joints and the whole fit; empty for a good fit."""
-        parts = [
-            f"{part.part.replace('_', ' ')} {fault}" for part in self.parts for fault in part.faults
-        ]
-        return (*parts, *joint_faults([self]), *self.whole_faults)
-
-    @property
     def whole_faults(self) -> tuple[str, ...]:
         """Sentences about swapped sides or feet, absent regions and uncertain places; empty without
         faults."""

@@ -28,7 +28,7 @@ from .limbs import Limbs
 from .quality import FitQuality, judge, uncertain_places_m
 from .shape_fields import fields_for, shape
 from .surface import NearestSkin, TargetSurface, pull, vertex_normals
-from .target import TargetAvatar, areas_of
+from .target import TargetAvatar, areas_of, weight_matrix
 
 # Largest distance of projection onto the skin, metres at canonical size (1.8 m)
 _LANDING_M: Final = 0.05
@@ -295,7 +295,7 @@ def _skin_weights(
     from scipy.sparse import coo_array, diags_array
 
     target, count = warped.target, len(model)
-    target_weights = _matrix(target.weights, len(target.bone_names))
+    target_weights = weight_matrix(target.weights, len(target.bone_names))
     rows = np.repeat(np.arange(count), 3)
     interpolation = coo_array(
         (anchors.weights.ravel(), (rows, anchors.corners.ravel())),
@@ -333,7 +333,7 @@ def _mapped(model: PerceptualModel, target: TargetAvatar, mapping: BoneMapping) 
     bone_matrix = coo_array(
         (np.ones(len(canonical_ids)), (canonical_ids, target_ids)), shape=shape
     ).tocsr()
-    return _matrix(model.weights, len(model.bone_names)) @ bone_matrix
+    return weight_matrix(model.weights, len(model.bone_names)) @ bone_matrix
 
 
 def _skin_weights_of(matrix: Any) -> SkinWeights:
@@ -346,14 +346,4 @@ def _skin_weights_of(matrix: Any) -> SkinWeights:
     values = matrix.data / np.repeat(sums, np.diff(matrix.indptr))
     return SkinWeights(
         matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), values.astype(np.float32)
-    )
-
-
-def _matrix(weights: SkinWeights, bones: int) -> Any:
-    """Skin weights of V vertices as a sparse matrix (V, bones)."""
-    from scipy.sparse import csr_array
-
-    shape = (len(weights.offsets) - 1, bones)
-    return csr_array(
-        (weights.values.astype(np.float64), weights.bones, weights.offsets), shape=shape
     )

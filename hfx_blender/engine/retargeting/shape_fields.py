@@ -90,21 +90,16 @@ def shape(
     return limbs.with_joints_joined(posed + np.einsum("k,kvi->vi", shares, moves), posed)
 
 
-@lru_cache(maxsize=1)
-def load_shapes() -> F64:
-    """Shape fields of the shipped avatar, see :func:`read`; cached."""
-    return read(resources.body_models() / SHAPES_FILE)
-
-
 def fields_for(avatar: Avatar) -> F64 | None:
     """Shipped fields, or None for an avatar with another number of vertices."""
-    fields = load_shapes()
+    fields = read(resources.body_models() / SHAPES_FILE)
     return fields if fields.shape[1] == len(avatar.vertices) else None
 
 
+@lru_cache(maxsize=1)
 def read(path: Path) -> F64:
     """Read shape fields (K, V, 3) from a file: displacements of the canonical avatar's vertices by
-    one standard deviation each, the largest first, metres in rest space.
+    one standard deviation each, the largest first, metres in rest space; cached.
 
     Raises InputError: the file is missing, damaged, or of a newer version.
     """

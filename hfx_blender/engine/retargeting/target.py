@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -166,19 +166,21 @@ def vertex_areas(points: F64, triangles: I64) -> F64:
     return np.bincount(triangles.ravel(), thirds, minlength=len(points)).astype(np.float64)
 
 
+def weight_matrix(weights: SkinWeights, bones: int) -> Any:
+    """Skin weights of V vertices as a sparse matrix (V, bones)."""
+    from scipy.sparse import csr_array
+
+    shape = (len(weights.offsets) - 1, bones)
+    return csr_array(
+        (weights.values.astype(np.float64), weights.bones, weights.offsets), shape=shape
+    )
+
+
 def group_shares(weights: SkinWeights, group_of: I64, groups: int) -> F64:
     """Skin weights (V, groups) summed by groups of bones; rows sum to 1 or are 0. ``group_of`` (B,)
     is the group of each bone, -1 for none."""
-    count = len(weights.offsets) - 1
-    owners = np.repeat(np.arange(count), np.diff(weights.offsets))
-    group = group_of[weights.bones]
-    is_grouped = group >= 0
-    flat = np.bincount(
-        owners[is_grouped] * groups + group[is_grouped],
-        weights.values[is_grouped],
-        minlength=count * groups,
-    )
-    shares = flat.reshape(count, groups)
+    is_of_group = group_of[:, None] == np.arange(groups)
+    shares = np.asarray(weight_matrix(weights, len(group_of)) @ is_of_group.astype(np.float64))
     sums = shares.sum(axis=1, keepdims=True)
     return np.asarray(np.divide(shares, sums, out=np.zeros_like(shares), where=sums > 0.0))
 

@@ -62,24 +62,17 @@ def least_turn(source: F64, target: F64) -> F64:
 
 def about(axis: F64, angle: float) -> F64:
     """Rotation (3, 3) about a unit axis by an angle, radians."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn: F64 = (
-        np.cos(angle) * np.eye(3)
-        + np.sin(angle) * cross
-        + (1.0 - np.cos(angle)) * np.outer(axis, axis)
-    )
-    return turn
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(angle * axis).as_matrix())
 
 
 def twist_about(turn: F64, axis: F64) -> float:
-    """Twist angle (radians) of a rotation about an axis, after removal of the swing."""
+    """Twist angle (radians) of a rotation about a unit axis, after removal of the swing."""
+    from scipy.spatial.transform import Rotation
+
     swing = least_turn(axis, turn @ axis)
-    rest = swing.T @ turn
-    sine = axis @ np.array(
-        [rest[2, 1] - rest[1, 2], rest[0, 2] - rest[2, 0], rest[1, 0] - rest[0, 1]]
-    )
-    return float(np.arctan2(sine / 2, (np.trace(rest) - 1.0) / 2))
+    return float(Rotation.from_matrix(swing.T @ turn).as_rotvec() @ axis)
 
 
 def extent_of(points: F64) -> tuple[F64, F64]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ...errors import InputError
 from ..arrays import F64
-from .height_field import HeightField, sample_grid
+from .height_field import HeightField, bilinear, sample_grid
 
 MAX_TEXELS: Final = 1 << 24
 _MAX_M: Final = 1e7  # about positions on Earth, metres
@@ -127,12 +127,8 @@ def _filled(values: F64, weights: F64) -> F64:
     )
     coarse = _filled(total / np.where(share > 0.0, share, 1.0), np.minimum(share, 1.0))
     # Bilinear values of the coarse picture at the centres of these texels.
-    i = np.clip((np.arange(columns) - 0.5) / 2.0, 0.0, coarse.shape[1] - 1.0)
-    j = np.clip((np.arange(rows) - 0.5) / 2.0, 0.0, coarse.shape[0] - 1.0)
-    i0, j0 = np.floor(i).astype(np.int64), np.floor(j).astype(np.int64)
-    i1, j1 = np.minimum(i0 + 1, coarse.shape[1] - 1), np.minimum(j0 + 1, coarse.shape[0] - 1)
-    across = coarse[:, i0] + (i - i0) * (coarse[:, i1] - coarse[:, i0])
-    smooth = across[j0] + (j - j0)[:, None] * (across[j1] - across[j0])
+    places = [(np.arange(n) - 0.5) / 2.0 for n in (rows, columns)]
+    smooth = bilinear(coarse, np.stack(np.meshgrid(*places, indexing="ij")), tiles=False)
     return np.where(weights > 0.0, values, smooth)
 
 

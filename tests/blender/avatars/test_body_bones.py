@@ -132,7 +132,8 @@ def test_bones_that_nothing_recognises_can_be_assigned_by_hand(anna: tuple[Any, 
     mark(rig, skin)
     assert rig.hfx.bone_map_convention == bone_table.BY_HAND
     quality = stored_fits.quality_of(rig)[0]
-    assert quality.sides > 0.95 and not quality.warnings
+    assert quality.sides > 0.95 and not quality.whole_faults
+    assert not any(part.faults for part in quality.parts)
 
 
 def test_find_keeps_corrections_and_sees_new_bones(anna: tuple[Any, Any]) -> None:

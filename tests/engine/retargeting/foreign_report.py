@@ -9,7 +9,7 @@ import foreign_avatars
 import numpy as np
 import retarget_variants as variants
 from foreign_avatars import Foreign
-from retarget_report import landmarks, table
+from retarget_report import landmarks, table, warnings_of
 
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import PARTS
@@ -124,7 +124,7 @@ def lines() -> list[str]:
     text += [
         f"| {name} | {row.avatar.package} | {len(row.avatar.target.vertices):,} | "
         f"{len(row.mapping.bones)} | {100 * row.agreement:.1f} % | "
-        f"{'; '.join(row.quality.warnings) or 'none'} |"
+        f"{'; '.join(warnings_of(row.quality)) or 'none'} |"
         for name, row in known.items()
     ]
     if others:

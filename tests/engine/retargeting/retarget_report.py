@@ -22,6 +22,7 @@ from hfx_blender.engine.body.model import PerceptualModel, load_avatar, load_mod
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
 from hfx_blender.engine.body.rigs.mapping import map_bones
 from hfx_blender.engine.retargeting import retarget
+from hfx_blender.engine.retargeting.quality import FitQuality, joint_faults
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs/following-an-avatar.md"
 START, END = "<!-- figures -->\n", "<!-- end of figures -->\n"
@@ -41,6 +42,12 @@ class Measured:
     warnings: tuple[str, ...]
 
 
+def warnings_of(quality: FitQuality) -> tuple[str, ...]:
+    """Return sentences about bad parts, joints and the whole fit."""
+    parts = [f"{p.part.replace('_', ' ')} {fault}" for p in quality.parts for fault in p.faults]
+    return (*parts, *joint_faults([quality]), *quality.whole_faults)
+
+
 def measure(variant: Variant, model_id: str = "hfx-pressure-1") -> Measured:
     """Fit a model to a variant by bone names alone."""
     from scipy.spatial import cKDTree
@@ -57,7 +64,7 @@ def measure(variant: Variant, model_id: str = "hfx-pressure-1") -> Measured:
         {part: float(np.percentile(row, 95)) for part, row in rows.items()},
         {name: float(error[ids].max()) for name, ids in landmarks(model).items()},
         float(np.mean(model.part[nearest] == model.part)),
-        quality.warnings,
+        warnings_of(quality),
     )
 
 

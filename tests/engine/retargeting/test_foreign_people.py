@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import retarget_variants as variants
 from foreign_report import ForeignFit
+from retarget_report import warnings_of
 
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.errors import InputError
@@ -46,7 +47,7 @@ def test_soma_is_mapped_whole(soma: ForeignFit) -> None:
 
 
 def test_soma_is_followed_in_all_parts(soma: ForeignFit) -> None:
-    assert soma.refused == "" and soma.quality.warnings == ()
+    assert soma.refused == "" and warnings_of(soma.quality) == ()
     assert soma.agreement > 0.95
     for part in PARTS:
         assert soma.parts[part] < FLOORS_MM.get(part, 15.0), (part, soma.parts[part])
@@ -60,7 +61,7 @@ def test_a_mesh_of_six_hundred_vertices_without_toes_is_followed() -> None:
     except InputError as error:
         pytest.skip(f"the package with the meshes is not installed: {error}")
     actual = foreign_report.follow(avatar)
-    assert actual.refused == "" and actual.quality.warnings == ()
+    assert actual.refused == "" and warnings_of(actual.quality) == ()
     assert actual.agreement > 0.97
     assert max(actual.parts.values()) < 20.0, actual.parts
 
@@ -75,7 +76,7 @@ def test_game_characters_keep_their_sides_or_are_warned_of(name: str) -> None:
         assert {f"{bone}.L", f"{bone}.R"} <= actual.mapping.bones.keys()
     assert actual.quality.sides > 0.99 and actual.quality.feet_forward == 1.0
     # The figures are stylised: misfits are named, part by part.
-    assert actual.quality.warnings
+    assert warnings_of(actual.quality)
     misplaced = [part for part in actual.quality.parts if part.in_place < 0.8]
     assert all(part.faults for part in misplaced)
     assert np.isfinite(list(actual.plausible.values())).all()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import retarget_variants as variants
+from retarget_report import warnings_of
 from retarget_variants import Variant
 
 from hfx_blender.engine.body.model import SkinWeights, load_avatar, load_model
@@ -46,7 +47,7 @@ def errors_mm(variant: Variant, warped: retarget.Warp) -> dict[str, float]:
     model = load_model(MODEL_ID)
     fitted, quality = retarget.fit(model, warped)
     # Limbs stretched beyond human proportions make the hinges uncertain.
-    assert all("knee" in warning for warning in quality.warnings), quality.warnings
+    assert all("knee" in warning for warning in warnings_of(quality)), warnings_of(quality)
     error = np.linalg.norm(fitted.vertices - variant.truth(model), axis=1)
     error *= 1000.0 * variant.target.metres
     return {
@@ -234,9 +235,9 @@ def test_a_warning_names_a_missing_limb() -> None:
     target = replace(target, triangles=target.triangles[keep])
     warped = variants.warp(load_avatar(), target, few_bones(variant))
     _, quality = retarget.fit(load_model(MODEL_ID), warped)
-    assert any("no skin of" in warning and "feet" in warning for warning in quality.warnings)
-    assert not any(warning.startswith("foot") for warning in quality.warnings)  # told only once
-    assert not any(warning.startswith("fingers") for warning in quality.warnings)
+    assert any("no skin of" in warning and "feet" in warning for warning in warnings_of(quality))
+    assert not any(warning.startswith("foot") for warning in warnings_of(quality))  # told only once
+    assert not any(warning.startswith("fingers") for warning in warnings_of(quality))
 
 
 def test_swapped_sides_are_a_warning() -> None:
@@ -248,7 +249,7 @@ def test_swapped_sides_are_a_warning() -> None:
     }
     warped = variants.warp(load_avatar(), variant.target, mapping)
     _, quality = retarget.fit(load_model(MODEL_ID), warped)
-    assert any("front and back" in warning for warning in quality.warnings)
+    assert any("front and back" in warning for warning in warnings_of(quality))
 
 
 # The search

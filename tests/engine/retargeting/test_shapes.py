@@ -45,7 +45,7 @@ def test_an_avatar_of_another_mesh_has_no_fields() -> None:
 
 def test_a_shape_is_recovered_from_skin_distances() -> None:
     """Also along the skin, where distances do not determine a vertex's position."""
-    avatar, fields = load_avatar(), shape_fields.load_shapes()
+    avatar, fields = load_avatar(), shape_fields.fields_for(load_avatar())
     rng = np.random.default_rng(1)
     target = variants.canonical().target
     share = rng.normal(size=6)
@@ -67,7 +67,7 @@ def test_a_shape_is_recovered_from_skin_distances() -> None:
 
 
 def test_nothing_to_hold_on_to_changes_nothing() -> None:
-    avatar, fields = load_avatar(), shape_fields.load_shapes()
+    avatar, fields = load_avatar(), shape_fields.fields_for(load_avatar())
     target = variants.canonical().target
     bodies = skeletons_of(avatar, target, map_bones(target.bones))  # type: ignore[arg-type]
     moved = matrices(avatar, bodies)

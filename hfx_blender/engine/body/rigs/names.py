@@ -102,7 +102,9 @@ def _without_shared_words(tokens: Mapping[str, Sequence[str]]) -> dict[str, list
         for name, words in tokens.items()
     }
     least_count = max(4.0, _SHARED * len(parts))
-    marks = _shared_words(parts.values(), least_count)
+    counts = Counter(word for words in parts.values() for word in set(words))
+    shared = {word for word, count in counts.items() if count >= least_count}
+    marks = {word for word in shared - KNOWN if not word.isdigit()}
     remaining, first = {}, {}
     for name, words in parts.items():
         start = 0
@@ -116,16 +118,6 @@ def _without_shared_words(tokens: Mapping[str, Sequence[str]]) -> dict[str, list
         for name in (name for name, words in first.items() if words == number):
             remaining[name].remove(number)
     return _without_counting(remaining)
-
-
-def _shared_words(names: Iterable[Sequence[str]], least_count: float) -> set[str]:
-    """Unknown words, numbers excluded, in at least ``least_count`` of the names."""
-    counts = Counter(word for words in names for word in set(words))
-    return {
-        word
-        for word, count in counts.items()
-        if count >= least_count and word not in KNOWN and not word.isdigit()
-    }
 
 
 def _parted(token: str, name: Sequence[str]) -> tuple[str, ...]:
