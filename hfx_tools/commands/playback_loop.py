@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Final, Protocol
 
+from hfx_blender.devices.host.clock import shorten_slices
 from hfx_blender.devices.live.client import DeviceState, LiveClient
 from hfx_blender.devices.workers.render_process import SCENE_S
 from hfx_blender.errors import DeviceError
@@ -65,6 +66,7 @@ def play(
     Raises DeviceError: all devices have failed.
     Raises InputError: the file is damaged.
     """
+    shorten_slices()
     try:
         source.begin(client)
         # Wait for the opening of all devices, which may take seconds, and for the rendering of the

@@ -45,7 +45,7 @@ from ..configurations.person_profile import personal
 from ..workers.message_bodies import decode_values
 from ..workers.render_process import Questions, RenderProcess
 from ..workers.script_process import ScriptProcess
-from .clock import SYSTEM, Clock
+from .clock import SYSTEM, Clock, shorten_slices
 from .device_thread import FREEZE_S, DeviceThread
 from .duty_budget_store import DutyBudgetStore, identities
 from .opening import open_output
@@ -414,6 +414,7 @@ _signals: list[int] = []
 def main() -> None:
     """Run the output process until the process in ``sys.argv[1]`` ends or a signal comes; then stop
     all devices, close their ports and exit with 0."""
+    shorten_slices()
     logging.basicConfig(level=logging.WARNING, format="hfx devices: %(message)s")
     for name in ("SIGTERM", "SIGINT", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):

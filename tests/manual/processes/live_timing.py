@@ -97,6 +97,9 @@ class Board(threading.Thread):
         self.transport, self.strength, self.changed_s = transport, 0.0, 0.0
         self.first_s: float | None = None  # of the first change after clearing
         self.is_by_dead_man = False  # the last silence, by the board's own clock
+        self.halted_s = 0.0  # longest turn of this thread since the last change: 5 ms at most, but
+        # on a computer that stands still
+        self._turn_s = time.perf_counter()
         self.changed: Callable[[], object] = lambda: None  # called after each change
         self._is_over = False
         if transport == "pty":
@@ -124,6 +127,8 @@ class Board(threading.Thread):
                 continue
             is_readable = select.select([self.end], [], [], 0.005)[0]
             content, now_s = os.read(self.end, 4096) if is_readable else b"", time.perf_counter()
+            self.halted_s = max(self.halted_s, now_s - self._turn_s)
+            self._turn_s = now_s
             board = self.firmware
             if content:
                 board.now_ms = int(1000.0 * now_s)
@@ -150,6 +155,7 @@ class Board(threading.Thread):
             if self.first_s is None:
                 self.first_s = now_s
             self.changed()
+            self.halted_s = 0.0
 
 
 class DistantBoard(threading.Thread):
@@ -163,6 +169,7 @@ class DistantBoard(threading.Thread):
         self._process, self._output = process, process.stdout
         self.port = b"".join(iter(lambda: self._output.read(1), b"\n")).decode()
         self.strength, self.changed_s, self.is_by_dead_man = 0.0, 0.0, False
+        self.halted_s = 0.0  # of the board's process, before the last change
 
     def close(self) -> None:
         """End the process of the board."""
@@ -171,11 +178,11 @@ class DistantBoard(threading.Thread):
 
     def run(self) -> None:
         while record := self._output.read(_CHANGE.size):
-            strength, self.changed_s, self.is_by_dead_man = _CHANGE.unpack(record)
+            strength, self.changed_s, self.halted_s, self.is_by_dead_man = _CHANGE.unpack(record)
             self.strength = strength  # last, as readers wait for it
 
 
-_CHANGE = struct.Struct("dd?")
+_CHANGE = struct.Struct("ddd?")
 
 
 def print_changes() -> None:
@@ -186,7 +193,7 @@ def print_changes() -> None:
     board = Board("pty")
     os.write(1, f"{board.port}\n".encode())
     board.changed = lambda: os.write(
-        1, _CHANGE.pack(board.strength, board.changed_s, board.is_by_dead_man)
+        1, _CHANGE.pack(board.strength, board.changed_s, board.halted_s, board.is_by_dead_man)
     )
     board.start()
     owner = os.getppid()

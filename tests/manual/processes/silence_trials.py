@@ -194,7 +194,9 @@ def main() -> int:
             else:
                 seconds.setdefault(kind, []).append(taken_s)
                 if taken_s > 0.05 and not kind.endswith("lost"):
-                    print(f"trial {number}, {kind}: {1000.0 * taken_s:.1f} ms", flush=True)  # noqa: T201
+                    halted = f"the board's process halted for {1000.0 * board.halted_s:.1f} ms"
+                    text = f"trial {number}, {kind}: {1000.0 * taken_s:.1f} ms; {halted}"
+                    print(text, flush=True)  # noqa: T201
     for kind in kinds:
         if kind in seconds:
             shown(f"{kind} to silence", seconds[kind])

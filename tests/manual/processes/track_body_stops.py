@@ -157,7 +157,8 @@ def run(trials: int, folder: str) -> int:
         if not is_silent or board.is_by_dead_man or taken_s > 0.05:
             text = f"{1000.0 * taken_s:.1f} ms" if is_silent else "no silence"
             by = "dead-man switch" if board.is_by_dead_man else "a frame"
-            print(f"trial {number}, {kind}: {text} by {by}: {live.states}")  # noqa: T201
+            halted = f"the board's process halted for {1000.0 * board.halted_s:.1f} ms"
+            print(f"trial {number}, {kind}: {text} by {by}; {halted}: {live.states}")  # noqa: T201
         if not is_silent or board.is_by_dead_man:
             faults += 1
         else:
