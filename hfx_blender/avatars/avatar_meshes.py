@@ -167,11 +167,9 @@ def _without_accessories(
 def reading_meshes(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object]
 ) -> Generator[float, None, list[TargetAvatar]]:
-    """Read all meshes of an avatar in the armature's rest space, in steps.
-
-    Raises InputError: armature or mesh is in Edit Mode, or has a zero or negative scale; a mesh
-    of several has no faces or follows no bone.
-    """
+    """Read all meshes of an avatar in the armature's rest space, in steps. Raises InputError:
+    armature or mesh is in Edit Mode, or has a zero or negative scale; a mesh of several has no
+    faces or follows no bone."""
     targets = []
     for number, mesh in enumerate(meshes):
         yield number / len(meshes)
@@ -228,11 +226,9 @@ def skin_by_bone(armature: bpy.types.Object) -> dict[str, np.ndarray]:
 
 
 def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> TargetAvatar:
-    """Read a mesh in the armature's rest space, with unanimated shape keys applied.
-
-    Pieces hidden by modifiers keep their vertices, but have no triangles. Raises InputError for
-    another type of object, Edit Mode, or a zero or negative scale.
-    """
+    """Read a mesh in the armature's rest space, with unanimated shape keys applied. Pieces hidden
+    by modifiers keep their vertices, but have no triangles. Raises InputError for another type of
+    object, Edit Mode, or a zero or negative scale."""
     import numpy as np
 
     from ..blender import mesh_arrays

@@ -35,10 +35,8 @@ def add_avatar(
     context: bpy.types.Context, name: str = "Avatar", avatar_id: str = AVATAR_ID
 ) -> tuple[bpy.types.Object, bpy.types.Object]:
     """Add the built-in avatar, or an installed variant, as a haptic body; return armature and mesh.
-
     Effects and devices of a variant refer to the canonical models, which are fitted to the
-    variant's skin. Raises InputError: the avatar or a model of the variant is missing.
-    """
+    variant's skin. Raises InputError: the avatar or a model of the variant is missing."""
     avatar = load_avatar(avatar_id)
     # Before anything is added: a missing model leaves the scene unchanged.
     fitted_models = fitted_to_variant(avatar) if avatar_id != AVATAR_ID else []
@@ -104,10 +102,8 @@ def choosing_meshes(
     mapping_of: Callable[[bpy.types.Object], BoneMapping] = bone_table.mapping_of,
 ) -> Generator[float, None, list[bpy.types.Object]]:
     """Choose the meshes to fit a body to, in steps: the selected meshes, or the avatar's skin.
-
     Selected props held by a constraint are left out; the mesh with most vertices comes first.
-    Without selected meshes, see :func:`choosing_skin_meshes`.
-    """
+    Without selected meshes, see :func:`choosing_skin_meshes`."""
     selected = [
         obj
         for obj in context.selected_objects

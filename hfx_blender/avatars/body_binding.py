@@ -263,11 +263,9 @@ def _project_on_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.n
 def read_surfaces(
     body: bpy.types.Object, evaluated: Callable[[bpy.types.Object], bpy.types.Object]
 ) -> np.ndarray:
-    """Evaluated vertices of all meshes of an avatar, (A, 3) float32.
-
-    Vertices are numbered mesh after mesh, in the local space of the main mesh, as in the anchors of
-    :func:`binding_of`. ``evaluated`` returns the evaluated object at the time of reading.
-    """
+    """Evaluated vertices of all meshes of an avatar, (A, 3) float32. Vertices are numbered mesh
+    after mesh, in the local space of the main mesh, as in the anchors of :func:`binding_of`.
+    ``evaluated`` returns the evaluated object at the time of reading."""
     meshes = avatar_meshes.meshes_of(body)
     copies = [evaluated(mesh) for mesh in meshes]
     surfaces = [read_surface(body, *pair) for pair in zip(meshes, copies, strict=True)]

@@ -30,9 +30,7 @@ _LARGEST_FILE = 4_000_000
 
 _ADD_ON: Final = "vrm_addon_extension"
 _EXTENSIONS: Final = ("VRMC_vrm", "VRM")
-_FEWEST: Final = 8
-"""Bones from which a table says something."""
-
+_FEWEST: Final = 8  # bones from which a table says something
 _HUMAN_BONE: Final = re.compile(
     r"hips|spine|chest|upperchest|neck|head|jaw"
     r"|(left|right)(eye|shoulder|upperarm|lowerarm|hand|upperleg|lowerleg|foot|toes"
@@ -60,9 +58,8 @@ def detected_mapping(armature: bpy.types.Object) -> BoneMapping:
 
 def mapping_of(armature: bpy.types.Object) -> BoneMapping:
     """Mapping for the next fit: the corrected table, or the detected mapping without corrections.
-
-    Raises InputError: the mapping is empty, names a missing bone, or assigns a bone to two joints.
-    """
+    Raises InputError: the mapping is empty, names a missing bone, or assigns a bone to two
+    joints."""
     if not is_corrected(armature):
         return detected_mapping(armature)
     bones = {row.name: row.bone for row in armature.hfx.bone_map if row.bone}
@@ -72,10 +69,8 @@ def mapping_of(armature: bpy.types.Object) -> BoneMapping:
 
 def fill(armature: bpy.types.Object, *, keep_corrections: bool = False) -> None:
     """Fill the table with the detected mapping; with ``keep_corrections``, corrected rows stay.
-
     Raises InputError: no human bones were recognised. The table is filled with the corrections
-    alone.
-    """
+    alone."""
     # A correction is a row unlike the mapping detected before.
     corrections = {
         row.name: row.bone

@@ -55,10 +55,8 @@ _BEND: Final = 0.6
 
 @dataclass(frozen=True, eq=False)
 class SurfaceMap:
-    """Positions of a mesh's own vertices as a function of the evaluated mesh.
-
-    A hidden or merged vertex is attached to the nearest evaluated triangle.
-    """
+    """Positions of a mesh's own vertices as a function of the evaluated mesh. A hidden or merged
+    vertex is attached to the nearest evaluated triangle."""
 
     count: int | None  # number of evaluated vertices; None if dependent on the pose
     corners: I32  # (A, 3) evaluated vertices
@@ -119,11 +117,9 @@ def cached_measurement(
     suspects: Mapping[str, str],
     shape: Mapping[str, float],
 ) -> SkinMeasurement:
-    """Measure a mesh, or return the last measurement if mesh and body are unchanged.
-
-    ``suspects`` are possible reasons against posing by bones alone, by the name of a modifier, or
-    ``"armature"``, ``"bones"``, ``"keys"``; ``shape`` the values of the shape keys at fitting.
-    """
+    """Measure a mesh, or return the last measurement if mesh and body are unchanged. ``suspects``
+    are possible reasons against posing by bones alone, by the name of a modifier, or
+    ``"armature"``, ``"bones"``, ``"keys"``; ``shape`` the values of the shape keys at fitting."""
     measurement = valid_measurement(body, mesh, suspects)
     if measurement is None:
         measurement = measure(body, mesh, suspects, shape)
@@ -386,11 +382,9 @@ class _Copies:
         return matches
 
     def depends_on_others(self, name: str) -> bool:
-        """Test for a modifier whose result changes with place or shape of a referenced object.
-
-        Each object but the copies of body and mesh is replaced by a moved, scaled copy for the
-        test. False for a name without a modifier.
-        """
+        """Test for a modifier whose result changes with place or shape of a referenced object. Each
+        object but the copies of body and mesh is replaced by a moved, scaled copy for the test.
+        False for a name without a modifier."""
         modifier = self._full.modifiers.get(name)
         copies = (self._rigs[1], self._full)
         references = [] if modifier is None else list(mesh_copies.objects_of(modifier))

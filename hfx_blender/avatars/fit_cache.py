@@ -28,8 +28,7 @@ from ..errors import HfxError
 from ..files import resources
 from ..files.atomic import atomic_file
 
-_MOST: Final = 32
-"""Number of cached fits, about 4 MB each; the least recently used are deleted."""
+_MOST: Final = 32  # number of cached fits, about 4 MB each; the least recently used are deleted
 
 
 def key_of(

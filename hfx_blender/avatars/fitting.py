@@ -33,10 +33,8 @@ def fitting(
     armature: bpy.types.Object, meshes: Sequence[bpy.types.Object], mapping: BoneMapping
 ) -> Generator[float, None, Fit]:
     """Fit all perceptual models to an avatar; yields the progress from 0 to 1, returns the fit.
-
     ``meshes`` is the avatar's skin, in the order of vertex numbering; props are left out, with
-    notes. The scene is not changed. Raises InputError: the avatar cannot be fitted to.
-    """
+    notes. The scene is not changed. Raises InputError: the avatar cannot be fitted to."""
     targets = yield from within(avatar_meshes.reading_meshes(armature, meshes), 0.0, 0.1)
     targets, normal_notes = _face_outwards(meshes, targets)
     targets, left_out = props.without_props(load_avatar(), targets, mapping)

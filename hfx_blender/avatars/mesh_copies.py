@@ -88,10 +88,8 @@ def original_vertices(mesh: bpy.types.Mesh) -> I64:
 @contextmanager
 def rest_mesh(mesh: bpy.types.Object, shape: Mapping[str, float]) -> Iterator[bpy.types.Mesh]:
     """Yield an object's mesh before its Armature modifier, with earlier Mirror modifiers applied.
-
     ``shape`` holds values of shape keys; keys that are not given are 0. The mesh may be temporary,
-    and is removed at the end then.
-    """
+    and is removed at the end then."""
     if not shape and not mirrors_of(mesh):
         yield mesh.data
         return

@@ -60,11 +60,9 @@ def model_ids() -> list[str]:
 
 
 def store(armature: bpy.types.Object, fit: Fit) -> None:
-    """Store a fit on an armature, or on the storage mesh for a library override.
-
-    An earlier fit is replaced. The bones' names and rest pose, the layer and the shape keys of the
-    meshes are stored too, for :func:`fitted_model` to detect edits.
-    """
+    """Store a fit on an armature, or on the storage mesh for a library override. An earlier fit is
+    replaced. The bones' names and rest pose, the layer and the shape keys of the meshes are stored
+    too, for :func:`fitted_model` to detect edits."""
     owner = armature
     if armature.override_library is not None:  # ID properties of an override are not saved
         owner = armature.hfx.fit_kept or bpy.data.meshes.new(f".HFX Fit of {armature.name}")
@@ -244,11 +242,9 @@ def _stored_fit(armature: bpy.types.Object) -> Any:
 
 
 def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | None:
-    """Stored fit of a model; None for a body of the canonical armature.
-
-    Raises InputError: the armature's rest pose, or the number of meshes or their vertices, changed
-    after the fit, or the fit is of another edition of the model.
-    """
+    """Stored fit of a model; None for a body of the canonical armature. Raises InputError: the
+    armature's rest pose, or the number of meshes or their vertices, changed after the fit, or the
+    fit is of another edition of the model."""
     fit, again = _stored_fit(armature), "; fit the body again."
     if fit is None:
         return None

@@ -77,10 +77,8 @@ class _Step:
 
 
 class TrackedRig:
-    """Rig of a haptic body that takes poses of a person.
-
-    Raises InputError: no human bones are known, or neither both thighs nor both upper arms are.
-    """
+    """Rig of a haptic body that takes poses of a person. Raises InputError: no human bones are
+    known, or neither both thighs nor both upper arms are."""
 
     def __init__(self, armature: bpy.types.Object) -> None:
         from . import bone_table  # loads numpy, not needed before a body is tracked
@@ -183,10 +181,8 @@ class TrackedRig:
         return steps
 
     def bases(self, pose: HumanPose, armature: bpy.types.Object) -> list[Matrix]:
-        """Basis matrix (4, 4) of each bone of ``names`` that gives the rig a person's pose.
-
-        The armature is not changed. The first position sets the scale of the hips' motion.
-        """
+        """Basis matrix (4, 4) of each bone of ``names`` that gives the rig a person's pose. The
+        armature is not changed. The first position sets the scale of the hips' motion."""
         turns = self._turns(pose)
         offset = self._hips_offset(pose, armature)
         placed: list[Matrix] = []

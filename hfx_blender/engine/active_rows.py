@@ -158,10 +158,8 @@ def followed(
     rows: I64, posed: I64, animated: EffectBlock, block: AnimationBlock
 ) -> tuple[I64, Bool, Bool]:
     """Rows and their preceding rows (ascending), and masks of requested rows and of followers.
-
     Preceding rows have the effect on and a pose (in ``posed``). A follower is one sample after the
-    row before.
-    """
+    row before."""
     count = len(block.indices)
     if count == 1:  # live: a single row follows none
         return rows, np.ones(len(rows), np.bool_), np.zeros(len(rows), np.bool_)

@@ -99,11 +99,9 @@ class Engine:
     def evaluated(
         self, blocks: Iterable[AnimationBlock]
     ) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
-        """Yield (block, sample runs) for each block, in order.
-
-        With threads, the next block is begun before the samples of a block are yielded; a block
-        with many active effects is evaluated alone. The counters include only yielded blocks.
-        """
+        """Yield (block, sample runs) for each block, in order. With threads, the next block is
+        begun before the samples of a block are yielded; a block with many active effects is
+        evaluated alone. The counters include only yielded blocks."""
         begun: deque[tuple[AnimationBlock, Callable[[], list[SampleRun]], Counters]] = deque()
 
         def finished(most: int) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:

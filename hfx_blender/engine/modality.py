@@ -54,12 +54,9 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Modality:
-    """Facts of a haptic modality.
-
-    ``strength`` is the parameter scaled by the level and driven by devices; other parameters
-    describe. Effects at a place add, unless ``engine/rendering/conditioning/mixing.py`` has another
-    rule.
-    """
+    """Facts of a haptic modality. ``strength`` is the parameter scaled by the level and driven by
+    devices; other parameters describe. Effects at a place add, unless
+    ``engine/rendering/conditioning/mixing.py`` has another rule."""
 
     name: str
     title: str

@@ -179,10 +179,8 @@ def joined_runs(
     blocks: Iterable[Sequence[SampleRun]], streams: Sequence[Stream]
 ) -> list[SampleRun]:
     """Join the runs of successive blocks into one run per stream, in the order of ``streams``.
-
     Streams without samples are omitted, as are runs of other streams. Raises ValueError if runs of
-    a stream have different optional columns.
-    """
+    a stream have different optional columns."""
     # Blocks come in order of time, so the runs of a stream do, too.
     runs_by_stream: dict[Stream, list[SampleRun]] = {}
     for block in blocks:

@@ -45,13 +45,10 @@ _GUESSED: Final = 0.6
 _ON_TOP: Final = 6.0  # added weight of an upper layer: covered with linen
 _BESIDE: Final = 1.5  # subtracted weight after "with", "on" and "in"
 
-_MOST_DEGREE: Final = 6.0
-"""Largest exponent of a quality, however many times "very" is repeated."""
-
+_MOST_DEGREE: Final = 6.0  # largest exponent of a quality, however many times "very" is repeated
 _LISTED: Final = 200  # letters of unknown words in a message
 
-_SIZES_M: Final = (5e-5, 0.5)
-"""Allowed sizes and depths of features, metres: the range of touch."""
+_SIZES_M: Final = (5e-5, 0.5)  # allowed sizes and depths of features, metres: the range of touch
 
 
 @dataclass(frozen=True)
@@ -67,10 +64,8 @@ class NamedMaterial:
 
 @dataclass
 class Interpretation:
-    """Meaning of a text: materials with weights, and the product of all qualities.
-
-    None, and neutral numbers, where the text says nothing.
-    """
+    """Meaning of a text: materials with weights, and the product of all qualities. None, and
+    neutral numbers, where the text says nothing."""
 
     materials: list[NamedMaterial] = field(default_factory=list)
     scale: float = 1.0  # these five as of Traits
@@ -159,10 +154,8 @@ def read_words(text: str, negative: str = "") -> Interpretation:
 
 
 class _TextReader:
-    """Single pass over the words of a text, when created; writes to an interpretation.
-
-    The state holds for the next material or quality, or to the end of the clause.
-    """
+    """Single pass over the words of a text, when created; writes to an interpretation. The state
+    holds for the next material or quality, or to the end of the clause."""
 
     def __init__(self, interpretation: Interpretation, text: str) -> None:
         self._result = interpretation

@@ -24,13 +24,9 @@ from .surface_words import COLOURS
 
 NAME: Final = "library"
 _LEAST_FACTOR: Final = 0.2
-_MOST_FACTOR: Final = 5.0
-"""Bounds of the factors of size and depth by words."""
-
+_MOST_FACTOR: Final = 5.0  # bounds of the factors of size and depth by words
 _LEAST: Final = 0.03
-_MOST: Final = 30.0
-"""Bounds of the factors of size and depth."""
-
+_MOST: Final = 30.0  # bounds of the factors of size and depth
 _THREADS: Final = 40  # along the side of a tile with a chosen weave
 _WORN_FLAT: Final = 0.85  # share of the height above the median that full wear removes
 _WARM: Final = (1.0, 0.0, -1.0)
@@ -176,10 +172,8 @@ def steered(
 
 def turned(values: F64, direction_deg: int) -> F64:
     """Rotate a tile (N, N) by 0, 45 or 90 degrees without interpolation; other angles: unchanged.
-
     Rows of the result at 45 degrees are diagonals of the tile: the result contains the tile twice,
-    and its texels are longer by the square root of 2.
-    """
+    and its texels are longer by the square root of 2."""
     if direction_deg == 90:
         return values.T
     if direction_deg != 45:

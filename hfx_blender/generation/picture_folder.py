@@ -81,10 +81,8 @@ def surface_of(
     way: Way = WAYS[0],
 ) -> PictureSurface:
     """Convert a picture (H, W, 3), sRGB 0..1, bottom row first, to a surface of ``size_m``.
-
     ``depth_m`` is the height of white over black, for the way ``sobel`` only; ``tiles``: opposite
-    edges match. Raises InputError if the array is no picture, or a size is not allowed.
-    """
+    edges match. Raises InputError if the array is no picture, or a size is not allowed."""
     if way == "relief":
         relief = estimate(srgb, size_m, tiles=tiles)
         roughness = np.asarray(relief.roughness, np.float64)

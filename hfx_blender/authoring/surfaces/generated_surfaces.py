@@ -115,12 +115,9 @@ def _tile_coordinates(
 
 
 class ReliefEstimation:
-    """Estimation in a helper process, started at once.
-
-    ``size_mm`` is width and height of the pictured material; ``tiles`` if opposite edges match.
-    Raises InputError: the picture cannot be read. Raises OutputError: the temporary folder is not
-    writable.
-    """
+    """Estimation in a helper process, started at once. ``size_mm`` is width and height of the
+    pictured material; ``tiles`` if opposite edges match. Raises InputError: the picture cannot be
+    read. Raises OutputError: the temporary folder is not writable."""
 
     def __init__(self, picture: bpy.types.Image, size_mm: tuple[float, float], tiles: bool) -> None:
         colours = image_values.colours_of(picture).astype(np.float32)
@@ -171,10 +168,8 @@ class ReliefEstimation:
 
 
 def apply_estimate(obj: bpy.types.Object, estimation: ReliefEstimation) -> str:
-    """Store an estimate as an object's surface, and make the maps; return notes.
-
-    Raises InputError: the estimation failed, or the object cannot have a surface.
-    """
+    """Store an estimate as an object's surface, and make the maps; return notes. Raises InputError:
+    the estimation failed, or the object cannot have a surface."""
     estimate = estimation.result()
     if not surfaces.is_surface(obj):
         surfaces.add_surface(obj, "IMAGE")

@@ -47,20 +47,16 @@ def data_of(image: bpy.types.Image) -> F64:
 
 
 def brightness_of(image: bpy.types.Image) -> F64:
-    """Luminance (H, W) in linear light, bottom row first, of RGB or a first channel as grey.
-
-    Raises InputError: the image has no pixels, or too many.
-    """
+    """Luminance (H, W) in linear light, bottom row first, of RGB or a first channel as grey. Raises
+    InputError: the image has no pixels, or too many."""
     pixels = _three_channels(image)
     # Blender stores 8-bit images as sRGB codes, and further images in linear light.
     return luminance(pixels) if image.is_float else height_from_colour(pixels)
 
 
 def colours_of(image: bpy.types.Image) -> F64:
-    """Colours (H, W, 3) of an image as sRGB values 0 to 1, bottom row first.
-
-    Raises InputError: the image has no pixels, too many, or NaN.
-    """
+    """Colours (H, W, 3) of an image as sRGB values 0 to 1, bottom row first. Raises InputError: the
+    image has no pixels, too many, or NaN."""
     pixels = _three_channels(image)
     if not np.isfinite(pixels).all():
         raise InputError(f"Image '{image.name}' has colours that are no finite numbers.")
@@ -75,10 +71,8 @@ def _three_channels(image: bpy.types.Image) -> F32:
 
 
 def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
-    """Fill non-finite values of a height map (H, W); return the filled map with notes.
-
-    Raises InputError: more than half of the values are missing.
-    """
+    """Fill non-finite values of a height map (H, W); return the filled map with notes. Raises
+    InputError: more than half of the values are missing."""
     missing = float(np.mean(~np.isfinite(grey)))
     if missing > MOST_MISSING:
         raise InputError(
@@ -91,11 +85,8 @@ def without_holes(grey: F64, name: str) -> tuple[F64, tuple[str, ...]]:
 
 
 def pixels_of(image: bpy.types.Image) -> F32:
-    """All channels of an image as stored by Blender, (H, W, C), bottom row first.
-
-    Raises InputError: the image has no pixels or too many, or the file is a pipe or on another
-    machine.
-    """
+    """All channels of an image as stored by Blender, (H, W, C), bottom row first. Raises
+    InputError: the image has no pixels or too many, or the file is a pipe or on another machine."""
     # Reading pixels loads the file, which must not be a pipe.
     if not image.has_data and image.source != "GENERATED" and not image.packed_files:
         source = Path(bpy.data.filepath) if bpy.data.filepath else None
@@ -135,10 +126,8 @@ def load(path: str) -> bpy.types.Image:
 
 def is_jpeg_cut_off(path: Path) -> bool:
     """Test for a JPEG without end marker after the first scan; False for files of another kind.
-
     Readers show the missing part grey. Source: ITU-T T.81, annex B. Raises OSError for an
-    unreadable file.
-    """
+    unreadable file."""
     data = path.read_bytes()
     if not data.startswith(b"\xff\xd8"):
         return False
@@ -153,11 +142,9 @@ def is_jpeg_cut_off(path: Path) -> bool:
 def store(
     name: str, image: bpy.types.Image | None, channels: list[npt.ArrayLike]
 ) -> bpy.types.Image:
-    """Store arrays (H, W) exactly, as the channels of a packed float image; return the image.
-
-    A single array fills red, green and blue. An ``image`` with a single user is reused if the size
-    is equal, else removed.
-    """
+    """Store arrays (H, W) exactly, as the channels of a packed float image; return the image. A
+    single array fills red, green and blue. An ``image`` with a single user is reused if the size is
+    equal, else removed."""
     rows, columns = np.shape(channels[0])
     if image is not None and image.users > 1:
         image = None  # also used by a copy of the object
@@ -178,10 +165,8 @@ def store(
 
 
 def set_preview(image: bpy.types.Image, values: npt.ArrayLike, size: int = 128) -> None:
-    """Set an image's preview from values (H, W): black is the minimum, white the maximum.
-
-    Constant values are shown as their own grey value, clipped to 0 to 1.
-    """
+    """Set an image's preview from values (H, W): black is the minimum, white the maximum. Constant
+    values are shown as their own grey value, clipped to 0 to 1."""
     # Nearest values suffice for an icon, and cost the same for images of any size.
     grid = np.asarray(values, np.float32)
     rows = np.linspace(0, grid.shape[0] - 1, size).round().astype(int)

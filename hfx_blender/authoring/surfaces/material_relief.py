@@ -33,9 +33,7 @@ _MATERIAL_PROPERTIES = ("diffuse_color", "roughness", "metallic")
 MOST_SATURATED: Final = 0.5
 """Share of a map at full strength that causes a warning."""
 
-_LIKELY_M: Final = 0.01
-"""Largest plausible height of a relief for stroking, metres."""
-
+_LIKELY_M: Final = 0.01  # largest plausible height of a relief for stroking, metres
 _HEIGHT_INPUTS: Final = {"BUMP": "Distance", "DISPLACEMENT": "Scale"}
 
 
@@ -54,11 +52,8 @@ class ReliefNodes:
 
 
 def prepare(material: bpy.types.Material, name: str) -> None:
-    """Give a material without nodes a shader with the colour and roughness.
-
-    ``name`` is the material's name for messages. Raises InputError: the material has no output for
-    Cycles.
-    """
+    """Give a material without nodes a shader with the colour and roughness. ``name`` is the
+    material's name for messages. Raises InputError: the material has no output for Cycles."""
     if material.node_tree is None:  # before 5.0 a material can be without nodes
         colour, roughness = tuple(material.diffuse_color), material.roughness
         material.use_nodes = True
@@ -217,11 +212,9 @@ def _dependency(node: bpy.types.Node, uv_map: str) -> str:
 
 
 def saturation_warning(obj: bpy.types.Object, haptic_map: HapticMap) -> str:
-    """Warning about a map at full strength on half of the area or more; empty without a fault.
-
-    The usual cause is a Bump node with its default distance of 1 m (until Blender 4.3), or a
-    Displacement node with its default scale of 1 m, which look plausible when rendered.
-    """
+    """Warning about a map at full strength on half of the area or more; empty without a fault. The
+    usual cause is a Bump node with its default distance of 1 m (until Blender 4.3), or a
+    Displacement node with its default scale of 1 m, which look plausible when rendered."""
     share = float((haptic_map.intensity >= 1.0).mean())
     if share < MOST_SATURATED:
         return ""
@@ -314,10 +307,8 @@ def _math(tree: bpy.types.NodeTree, operation: str, a: Value, b: Value) -> bpy.t
 
 
 def material_hash(obj: bpy.types.Object) -> str:
-    """Hash of an object's materials, with all nodes, values, links and images.
-
-    Node positions and pixels of images (see :func:`images_of`) do not count.
-    """
+    """Hash of an object's materials, with all nodes, values, links and images. Node positions and
+    pixels of images (see :func:`images_of`) do not count."""
     digest = hashlib.sha1(usedforsecurity=False)
     for slot in obj.material_slots:
         material, plain = slot.material, None

@@ -140,10 +140,8 @@ def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
 
 
 def _use_one_tile(scratch: _Scratch, charts: Charts, owner: str, fault: str) -> None:
-    """Bake a UV unit of the material instead of UV map ``charts``, which has the ``fault``.
-
-    Raises InputError: several materials, or a material that depends on more than UVs.
-    """
+    """Bake a UV unit of the material instead of UV map ``charts``, which has the ``fault``. Raises
+    InputError: several materials, or a material that depends on more than UVs."""
     # A tile stands for the whole surface only if nothing but UVs matters.
     dependency = material_relief.depends_on(scratch.materials, charts.name)
     if dependency or len(scratch.materials) > 1:
@@ -189,10 +187,8 @@ class _Scratch:
         return datablock
 
     def copy_materials(self, charts: Charts, owner: str) -> None:
-        """Give the copied object copies of the materials with faces, by falling area.
-
-        Raises InputError, with the object's name ``owner``: faces without a material.
-        """
+        """Give the copied object copies of the materials with faces, by falling area. Raises
+        InputError, with the object's name ``owner``: faces without a material."""
         mesh = self.copy.data
         new_slots: dict[int, int] = {}
         last = len(self._slots) - 1

@@ -97,10 +97,8 @@ def _image_relief(obj: bpy.types.Object) -> SurfaceRelief:
 
 
 def estimate_channels(estimate: EstimatedRelief) -> list[npt.NDArray[np.floating]]:
-    """Image channels of an estimate: height 0 to 1, roughness, normalised slope.
-
-    The slope is that of a unit square of height 1, and scales with size and height.
-    """
+    """Image channels of an estimate: height 0 to 1, roughness, normalised slope. The slope is that
+    of a unit square of height 1, and scales with size and height."""
     # Stored relative to height and size, so that both can be changed afterwards.
     height_m = float(estimate.field.heights_m.max()) or 1.0
     width, length = estimate.field.size_m

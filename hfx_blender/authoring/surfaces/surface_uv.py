@@ -48,10 +48,8 @@ class Charts:
 
 def charts_of(mesh: bpy.types.Mesh, uv_map: str, owner: str, world: npt.ArrayLike) -> Charts:
     """Charts of a mesh with a matrix (4, 4) to world; ``owner`` is the object's name for messages.
-
     An empty ``uv_map`` is the map active for rendering. Raises InputError: the object has no size,
-    there is no such UV map, or the map has no area.
-    """
+    there is no such UV map, or the map has no area."""
     points, areas = _triangles(mesh, owner, world)
     layer = layer_of(mesh, uv_map, owner)
     loops = mesh_arrays.triangles(mesh, "loops")

@@ -35,12 +35,8 @@ _RELIEF_SETTINGS = {
     "MAP": (),
     "GENERATED": (),
 }
-_FIXED: Final = ("MAP", "GENERATED")
-"""Sources with stored images only, which no setting changes."""
-
-_ROUNDING: Final = 1e-3
-"""Rounding of values of imported maps beyond 0 to 1, from image conversion."""
-
+_FIXED: Final = ("MAP", "GENERATED")  # sources with stored images only, which no setting changes
+_ROUNDING: Final = 1e-3  # rounding of values of imported maps beyond 0 to 1, from image conversion
 bake_s: dict[str, float] = {}
 """Duration of the last bake of an object's materials, seconds, by its name."""
 
@@ -59,10 +55,8 @@ def is_surface(obj: bpy.types.Object | None) -> bool:
 
 
 def add_surface(obj: bpy.types.Object, source: str = "MATERIAL") -> None:
-    """Add a haptic surface to an object, without a bake.
-
-    Raises InputError: the object is no mesh, is linked, or has a haptic role.
-    """
+    """Add a haptic surface to an object, without a bake. Raises InputError: the object is no mesh,
+    is linked, or has a haptic role."""
     from ...engine.texture.haptic_map import STANDARD_GRAVITY, DeviceRange
 
     if obj.type != "MESH":
@@ -107,12 +101,9 @@ def has_outdated_settings(obj: bpy.types.Object) -> bool:
 
 
 def make_maps(obj: bpy.types.Object, *, remake: bool = True) -> str:
-    """Make an object's maps and store them in the .blend; return notes.
-
-    With ``remake`` the relief is made even if the settings are unchanged, as the material may be
-    edited. Raises InputError: the maps cannot be made. Stored maps are unchanged, and the error is
-    shown in the panel.
-    """
+    """Make an object's maps and store them in the .blend; return notes. With ``remake`` the relief
+    is made even if the settings are unchanged, as the material may be edited. Raises InputError:
+    the maps cannot be made. Stored maps are unchanged, and the error is shown in the panel."""
     from . import material_relief, surface_sources
 
     settings = obj.hfx.surface
@@ -330,10 +321,8 @@ def texture_of(obj: bpy.types.Object) -> SurfaceTexture:
 
 
 def store_map(obj: bpy.types.Object, haptic_map: HapticMap, note: str = "") -> None:
-    """Store an imported map as the object's surface, with its size, frequencies and amplitude.
-
-    The source becomes "MAP", and ``note`` the text in the panel. The relief image is unchanged.
-    """
+    """Store an imported map as the object's surface, with its size, frequencies and amplitude. The
+    source becomes "MAP", and ``note`` the text in the panel. The relief image is unchanged."""
     from ...engine.texture.haptic_map import STANDARD_GRAVITY
 
     settings = obj.hfx.surface

@@ -80,11 +80,9 @@ class SampleRunBuilder:
     def motion(
         self, active: ActiveEffect, body_id: str, vertices: I32, offsets: I64
     ) -> dict[str, Any]:
-        """Recorded fields among "positions" and "velocities" (total, 3), world space.
-
-        Row ``k`` of the active rows has ``vertices[offsets[k]:offsets[k + 1]]``. See
-        :func:`on_demand.motion`.
-        """
+        """Recorded fields among "positions" and "velocities" (total, 3), world space. Row ``k`` of
+        the active rows has ``vertices[offsets[k]:offsets[k + 1]]``. See
+        :func:`on_demand.motion`."""
         if not self.wants_motion:
             return {}
         if len(vertices):

@@ -19,8 +19,7 @@ from ..counters import Counters
 from ..scene import EffectBlock, SpotArea
 from ..volume.shape import Falloff
 
-# Largest dropped weight; below half a step of the 8-bit weights of tracks
-_LEAST: Final = 1e-3
+_LEAST: Final = 1e-3  # largest dropped weight; below half a step of the 8-bit weights of tracks
 
 
 def lengths_along(path: F64) -> F64:
@@ -52,11 +51,9 @@ class SpotSets:
 
 
 class SpotSkin:
-    """Weights of a perceptual model's vertices under a disc on the skin.
-
-    A vertex represents its cell of skin: a disc up to half way to the neighbours counts half. Discs
-    smaller than cells act on the nearest vertices at full strength.
-    """
+    """Weights of a perceptual model's vertices under a disc on the skin. A vertex represents its
+    cell of skin: a disc up to half way to the neighbours counts half. Discs smaller than cells act
+    on the nearest vertices at full strength."""
 
     def __init__(self, model: PerceptualModel) -> None:
         self._model = model
@@ -91,10 +88,8 @@ class SpotSkin:
 
     def sets(self, focus: F32, radii_m: F64, falloff: Falloff, own_sets: bool) -> SpotSets:
         """Vertex sets for T positions; equal successive sets are shared unless ``own_sets``.
-
         ``focus`` (T, 4): centre in rest space and radius, m, of which only the centre is used;
-        ``radii_m`` is (T,).
-        """
+        ``radii_m`` is (T,)."""
         set_index = np.zeros(len(focus), np.int64)
         vertex_sets: list[tuple[I32, F32]] = []
         for k, (position, radius) in enumerate(zip(focus, radii_m.tolist(), strict=True)):

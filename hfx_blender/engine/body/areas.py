@@ -121,11 +121,9 @@ def transferred(source: PerceptualModel, weights: F64, target: PerceptualModel) 
 
 
 def from_image(pixels: F64, uv: F64) -> F64:
-    """Weights (V,) sampled bilinearly from a picture that repeats beyond its edges.
-
-    ``pixels`` (H, W) are in 0..1, the first row is at v = 0. ``uv`` (V, 2) is 1 at the width and
-    height of the picture; NaN gives weight 0.
-    """
+    """Weights (V,) sampled bilinearly from a picture that repeats beyond its edges. ``pixels`` (H,
+    W) are in 0..1, the first row is at v = 0. ``uv`` (V, 2) is 1 at the width and height of the
+    picture; NaN gives weight 0."""
     height, width = pixels.shape
     is_finite = np.isfinite(uv).all(axis=1)
     position = np.where(is_finite[:, None], uv, 0.0) * [width, height] - 0.5

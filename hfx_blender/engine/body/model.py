@@ -32,10 +32,8 @@ AVATAR_ID = "hfx-avatar-1"
 
 @dataclass(frozen=True, eq=False)
 class SkinWeights:
-    """Sparse skin weights: row ``v`` is ``slice(offsets[v], offsets[v + 1])``.
-
-    Entries of a row are sorted by bone, positive, and sum to 1.
-    """
+    """Sparse skin weights: row ``v`` is ``slice(offsets[v], offsets[v + 1])``. Entries of a row are
+    sorted by bone, positive, and sum to 1."""
 
     offsets: I32  # (V + 1,)
     bones: I32  # (N,) index into the bone names of the model or avatar
@@ -44,10 +42,8 @@ class SkinWeights:
 
 @dataclass(frozen=True, eq=False)
 class PerceptualModel:
-    """Body mesh of one modality with vertices one two-point threshold apart.
-
-    Source: Danieau et al., VRST 2018, section 3.1.
-    """
+    """Body mesh of one modality with vertices one two-point threshold apart. Source: Danieau et
+    al., VRST 2018, section 3.1."""
 
     id: str
     modality: str  # "vibration", "pressure" or "temperature"

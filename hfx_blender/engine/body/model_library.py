@@ -83,11 +83,9 @@ def shipped() -> list[Entry]:
 
 
 def installed() -> tuple[list[Entry], list[str]]:
-    """Entries of the user's sets, sorted by folder, without ids of the shipped set, and faults.
-
-    The first entry of each id is taken. Faults are one sentence for each unreadable set, and for
-    each id with different content in two places.
-    """
+    """Entries of the user's sets, sorted by folder, without ids of the shipped set, and faults. The
+    first entry of each id is taken. Faults are one sentence for each unreadable set, and for each
+    id with different content in two places."""
     first_by_id = {entry.id: entry for entry in shipped()}
     entries: list[Entry] = []
     faults: list[str] = []
@@ -140,10 +138,8 @@ def find(identity: str, kind: str = "model") -> Entry:
 
 def owner_of_ids(model_id: str, provenance: Mapping[str, Any]) -> Entry:
     """Entry of the model that defines a model's vertex ids: the canonical model of a variant.
-
     ``provenance`` of a variant has ``canonical``, the id and hash of its model. Raises InputError:
-    the canonical model is unknown, or is another edition than the variant was made from.
-    """
+    the canonical model is unknown, or is another edition than the variant was made from."""
     origin = provenance.get("canonical")
     if origin is None:
         return find(model_id)

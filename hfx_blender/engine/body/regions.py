@@ -125,11 +125,9 @@ def finest_masks(model_id: str) -> dict[str, Bool]:
 
 
 def region_weights(model: PerceptualModel, region: str, side: str = "both") -> F64:
-    """Weights (V,) of a region of ``REGIONS``: 1 on its vertices, 0 elsewhere.
-
-    ``side`` is "left", "right" or "both"; the midline belongs to both sides. Resampled from the
-    vibration model where ``model`` is too coarse for any vertex in the region.
-    """
+    """Weights (V,) of a region of ``REGIONS``: 1 on its vertices, 0 elsewhere. ``side`` is "left",
+    "right" or "both"; the midline belongs to both sides. Resampled from the vibration model where
+    ``model`` is too coarse for any vertex in the region."""
     weights = _mask(model, region, side).astype(np.float64)
     if not weights.any():
         densest = load_model(_DENSEST)

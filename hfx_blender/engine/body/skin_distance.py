@@ -20,10 +20,8 @@ from ..volume.mesh_distance import barycentric
 _FAR: Final = 1e9  # metres, an unreached vertex; finite, because inf - inf is NaN
 _SETTLED_M: Final = 1e-6
 _FEWEST_ROUNDS: Final = 8
-# Each round settles one more ring of vertices; doubled for detours
-_ROUNDS_PER_RING: Final = 2.0
-# Additional radius of a cached patch, metres, reused while the place moves
-_MARGIN_M: Final = 0.06
+_ROUNDS_PER_RING: Final = 2.0  # each round settles one more ring of vertices; doubled for detours
+_MARGIN_M: Final = 0.06  # additional radius of a cached patch, metres, reused while the place moves
 # Number of nearest vertices whose triangles are tested for the nearest place
 _NEAR_CORNERS: Final = 8
 
@@ -39,10 +37,8 @@ class SkinPlace:
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
-    """Triangles near a centre; each triangle has three entries, with each corner as apex.
-
-    Entries are sorted by apex.
-    """
+    """Triangles near a centre; each triangle has three entries, with each corner as apex. Entries
+    are sorted by apex."""
 
     centre: F64  # (3,)
     nearest_m: float  # distance from the centre to the nearest vertex
@@ -61,10 +57,8 @@ class _Patch:
 
 
 class SkinDistances:
-    """Nearest places and geodesic distances on one triangle mesh.
-
-    ``vertices`` (V, 3) are in metres. The patch of the last query is cached: not thread-safe.
-    """
+    """Nearest places and geodesic distances on one triangle mesh. ``vertices`` (V, 3) are in
+    metres. The patch of the last query is cached: not thread-safe."""
 
     def __init__(self, vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> None:
         self._points = np.asarray(vertices, np.float64)

@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from ..arrays import F64, I32
 
-# Frames before a key from which Blender uses the key's value
-_KEY_WIDTH = 1e-4
+_KEY_WIDTH = 1e-4  # frames before a key from which Blender uses the key's value
 _STEPS = 40
 _PRECISION = 1e-10
 
@@ -32,10 +31,8 @@ class Interpolation(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class KeyedCurves:
-    """Curves with common key frames and interpolations.
-
-    ``left`` and ``right`` are handles (frame, value) of each key; None without Bezier segments.
-    """
+    """Curves with common key frames and interpolations. ``left`` and ``right`` are handles (frame,
+    value) of each key; None without Bezier segments."""
 
     frames: F64  # (K,) ascending
     interpolation: I32  # (K,) of the segment after each key

@@ -158,11 +158,9 @@ class ArrayOf:
         return _by_reference(_start(fitting))
 
     def address(self, array: npt.NDArray[Any], kept: list[Any]) -> int:
-        """Memory address of an array; a converted copy is appended to ``kept``.
-
-        Raises TypeError for another kind of number, and, for writing, for another type or an array
-        that is not contiguous.
-        """
+        """Memory address of an array; a converted copy is appended to ``kept``. Raises TypeError
+        for another kind of number, and, for writing, for another type or an array that is not
+        contiguous."""
         if array.dtype is self._first:
             try:
                 return _address(_start(array))
@@ -195,11 +193,9 @@ _start: Final[Callable[[Any], ctypes.c_char]] = ctypes.c_char.from_buffer
 
 
 class Structure(ctypes.Structure):
-    """Structure of the library, from the values of its leading fields; missing fields are 0.
-
-    A value is a number, an array, a list of arrays, a structure or None. ``kept`` holds all values,
-    and so keeps their memory alive.
-    """
+    """Structure of the library, from the values of its leading fields; missing fields are 0. A
+    value is a number, an array, a list of arrays, a structure or None. ``kept`` holds all values,
+    and so keeps their memory alive."""
 
     _kinds: dict[str, Any]
 

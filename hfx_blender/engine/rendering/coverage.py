@@ -21,11 +21,9 @@ DENSE_ENTRIES = 1 << 18
 
 
 class ActuatorCells:
-    """Vertices of one model reached by each of A actuators.
-
-    ``rows`` (n,) are vertices of each actuator, possibly empty or overlapping; ``vertex_count`` is
-    V; ``factors`` (n,) a factor of each vertex, for panning schemes; 1 by default.
-    """
+    """Vertices of one model reached by each of A actuators. ``rows`` (n,) are vertices of each
+    actuator, possibly empty or overlapping; ``vertex_count`` is V; ``factors`` (n,) a factor of
+    each vertex, for panning schemes; 1 by default."""
 
     def __init__(
         self, rows: Sequence[I32], vertex_count: int, factors: Sequence[F64] | None = None

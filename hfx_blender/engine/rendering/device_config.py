@@ -139,11 +139,8 @@ class VertexPlace:
 
 @dataclass(frozen=True)
 class BodyPlace:
-    """Patch of skin: a ball, restricted to parts and a side of the body.
-
-    ``stroked_by`` names parts that stroke over the device, as fingers over a phone, and feel the
-    effect too.
-    """
+    """Patch of skin: a ball, restricted to parts and a side of the body. ``stroked_by`` names parts
+    that stroke over the device, as fingers over a phone, and feel the effect too."""
 
     parts: tuple[str, ...]
     centre_m: tuple[float, float, float]  # rest space
@@ -154,10 +151,8 @@ class BodyPlace:
 
 @dataclass(frozen=True)
 class RoomPlace:
-    """Place in the room for whole parts of the body.
-
-    With ``at_m`` only skin within range and cone is reached, without it all of the parts.
-    """
+    """Place in the room for whole parts of the body. With ``at_m`` only skin within range and cone
+    is reached, without it all of the parts."""
 
     parts: tuple[str, ...]
     at_m: tuple[float, float, float] | None = None  # in the play space
@@ -180,11 +175,9 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Substitution:
-    """Replacement of a modality by another.
-
-    ``strength of target = scale * strength of source``. The strength of temperature is its
-    deviation from neutral, as a magnitude unless the target is temperature, too.
-    """
+    """Replacement of a modality by another. ``strength of target = scale * strength of source``.
+    The strength of temperature is its deviation from neutral, as a magnitude unless the target is
+    temperature, too."""
 
     source: str
     target: str

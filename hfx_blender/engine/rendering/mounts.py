@@ -36,11 +36,9 @@ def place_on(mount: Mount, at_m: F64) -> F64:
 
 
 def on_mount(mount: Mount, points: F64, seam_rad: float = np.pi) -> F64:
-    """Layout coordinates (n, 2) of rest-space points (n, 3), metres.
-
-    Points are projected straight onto a flat mount, radially onto a bent mount. There x is unrolled
-    over the turn that ends at the angle ``seam_rad``; the origin is at angle 0.
-    """
+    """Layout coordinates (n, 2) of rest-space points (n, 3), metres. Points are projected straight
+    onto a flat mount, radially onto a bent mount. There x is unrolled over the turn that ends at
+    the angle ``seam_rad``; the origin is at angle 0."""
     axes = np.array([mount.x_axis, mount.y_axis])
     offsets = points - np.array(mount.origin_m)
     flat = np.asarray(offsets @ axes.T)
@@ -56,10 +54,8 @@ def on_mount(mount: Mount, points: F64, seam_rad: float = np.pi) -> F64:
 
 class Pad:
     """Unrolled layout of actuators at ``centres`` (A, 3), rest space, m, about ``spacing_m`` apart.
-
     ``closed_m``: circumference of a layout that surrounds the cylinder, with both ends adjacent;
-    None for a layout with two ends.
-    """
+    None for a layout with two ends."""
 
     def __init__(self, mount: Mount, centres: F64, spacing_m: float) -> None:
         self._mount = mount

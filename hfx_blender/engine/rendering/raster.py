@@ -71,10 +71,8 @@ class FeltStream:
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Values of all actuators of a device on the sample clock of a track.
-
-    Row ``i`` is sample ``i`` of the track's time base; a value holds until the next row.
-    """
+    """Values of all actuators of a device on the sample clock of a track. Row ``i`` is sample ``i``
+    of the track's time base; a value holds until the next row."""
 
     device_id: str
     body_id: str

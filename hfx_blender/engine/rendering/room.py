@@ -23,11 +23,9 @@ sample index on, as rows of a 3 x 4 matrix to world space, metres."""
 
 
 class PlaySpace:
-    """Poses of the play space over the samples of a track.
-
-    ``indices`` (n,) are ascending samples; a pose holds until the next, the first also before.
-    ``matrices`` (n, 4, 4): play space to world, m.
-    """
+    """Poses of the play space over the samples of a track. ``indices`` (n,) are ascending samples;
+    a pose holds until the next, the first also before. ``matrices`` (n, 4, 4): play space to world,
+    m."""
 
     def __init__(self, indices: I64, matrices: F64) -> None:
         self._indices = indices
@@ -108,10 +106,8 @@ def reaches(place: RoomPlace, points: F64) -> Bool:
 
 def room_gains(place: RoomPlace, on_parts: Bool, run: SampleRun, points: F64) -> F64:
     """Gain (n,) of an actuator in the room for each sample: largest weight in reach, or 0.
-
     ``on_parts`` (V,) are the vertices on the parts of the place; ``points`` (total, 3) the entries'
-    positions in the play space. The run has a vertex set for each sample.
-    """
+    positions in the play space. The run has a vertex set for each sample."""
     weights = np.where(on_parts[run.vertices] & reaches(place, points), run.weights, 0.0)
     gains = np.zeros(len(run))
     filled = np.flatnonzero(run.sizes > 0)  # reduceat has no identity for an empty sample

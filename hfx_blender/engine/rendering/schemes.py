@@ -28,9 +28,7 @@ from .panning.constant_power import LinePanning, RingPanning, VectorBasePanning
 from .panning.positional import GaussianSplatting, NearestPanning, PlanarPanning
 from .panning.surface_panning import SkinNeighbours, parted, surface_gains
 
-_LONE_SPACING_M: Final = 0.05
-"""Spacing of a single actuator, metres."""
-
+_LONE_SPACING_M: Final = 0.05  # spacing of a single actuator, metres
 _RINGS: Final = ((0.5, 6), (1.0, 12))
 """Sample rings of a disc larger than the gaps between actuators: share of its radius, places."""
 
@@ -73,11 +71,9 @@ class PannedLayout:
 def panned_layout(
     device: DeviceConfig, actuators: Sequence[Actuator], model: PerceptualModel
 ) -> PannedLayout | None:
-    """Layout of actuators for a device's panning scheme; None without panning.
-
-    Coverage, actuators in the room, and actuators without a vertex on this model do not pan. Raises
-    InputError for a place that does not fit this model, or a missing package of the scheme.
-    """
+    """Layout of actuators for a device's panning scheme; None without panning. Coverage, actuators
+    in the room, and actuators without a vertex on this model do not pan. Raises InputError for a
+    place that does not fit this model, or a missing package of the scheme."""
     try:
         return _panned_layout(device, actuators, model)
     except ModuleNotFoundError as error:  # as in the small zip of the extension
@@ -185,8 +181,7 @@ def _mount(mount: Mount | None, centres: F64) -> Mount:
     return Mount(origin, x_axis, y_axis)  # type: ignore[arg-type]
 
 
-_Gains = Callable[[F64], F64]
-"""Places (m, 3) of rest space to gains (m, A)."""
+_Gains = Callable[[F64], F64]  # places (m, 3) of rest space to gains (m, A)
 
 
 def _planar(device: DeviceConfig, centres: F64) -> _Gains:
@@ -313,8 +308,7 @@ class FocusPanning:
                 normal = on_skin.weights @ self._normals[on_skin.corners]
                 disc = _disc(centre, normal, float(beyond_m[k]))
                 gains[k] = np.maximum(gains[k], self._layout.at(disc).max(axis=0))
-        faded: F64 = np.clip(gains * fades[:, None], 0.0, 1.0)[which.ravel()]
-        return faded
+        return np.asarray(np.clip(gains * fades[:, None], 0.0, 1.0)[which.ravel()])
 
 
 def _disc(centre: F64, normal: F64, radius_m: float) -> F64:

@@ -201,8 +201,7 @@ def _slow_s(touches: Touches, rows: I64) -> F64:
     """Slower time constant, of attack and decay, at rows (n,), seconds; the shortest among the
     impacts."""
     impacts = [f for f, filter_ in enumerate(touches.filters) if filter_.kind is FilterKind.IMPACT]
-    slow_s: F64 = touches.controls[rows][:, impacts, 1:3].max(axis=2).min(axis=1)
-    return slow_s
+    return np.asarray(touches.controls[rows][:, impacts, 1:3].max(axis=2).min(axis=1))
 
 
 def _closer_shares(steps: IntervalSteps, new: I64, strong: I64, slow: F64) -> tuple[I64, F64]:

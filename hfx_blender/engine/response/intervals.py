@@ -262,8 +262,7 @@ class Intervals:
 
 def weight_sums(run: SampleRun) -> F64:
     """Sum of vertex weights (n,) of each sample of a run."""
-    sums: F64 = np.add.reduceat(run.weights, run.offsets[:-1], dtype=np.float64)[run.set_of]
-    return sums
+    return np.asarray(np.add.reduceat(run.weights, run.offsets[:-1], dtype=np.float64)[run.set_of])
 
 
 def _packed(value: F64 | F32) -> F64:

@@ -35,10 +35,8 @@ _CUBICS: Final = np.linalg.inv(np.vander(_NODES))  # basis: 1 at one node, 0 at 
 
 class MotionEstimate:
     """Motion of N rows of D values over an interval, from 0 at the start to 1 at the end.
-
     ``before`` are values (N, D) at the interval's start and at samples before, ``after`` at the end
-    and at samples after, the nearest first: 1 to 3 each. Rows move independently.
-    """
+    and at samples after, the nearest first: 1 to 3 each. Rows move independently."""
 
     def __init__(self, before: list[F64], after: list[F64]) -> None:
         self._is_still = all((values == before[0]).all() for values in after + before[1:])
@@ -141,5 +139,4 @@ def _turn(left: _Leg, right: _Leg) -> tuple[F64, Bool]:
 
 def _length(values: F64) -> F64:
     """Euclidean length of the last axis."""
-    length: F64 = np.sqrt(np.square(values).sum(axis=-1))
-    return length
+    return np.asarray(np.sqrt(np.square(values).sum(axis=-1)))

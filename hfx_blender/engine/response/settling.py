@@ -129,11 +129,9 @@ class _Ringing:
 
 
 def settled(touches: Touches, memory: Memory) -> tuple[SampleRun | None, Memory]:
-    """Samples of touches that follow a memory, and the memory after these touches.
-
-    Evaluates impacts and the stack of filters; responses below 1e-4 count as 0. None in place of
-    samples without any above 0.
-    """
+    """Samples of touches that follow a memory, and the memory after these touches. Evaluates
+    impacts and the stack of filters; responses below 1e-4 count as 0. None in place of samples
+    without any above 0."""
     filters = touches.filters
     line = _Timeline.of(touches, memory)
     begins = _begins(touches, memory)
@@ -230,8 +228,7 @@ def _follows(touches: Touches, memory: Memory) -> Bool:
     """Mask (n,) of samples whose index is the previous index plus 1; the first sample follows the
     memory."""
     before = np.concatenate([[memory.index], touches.indices[:-1]])
-    follows: Bool = before == touches.indices - 1
-    return follows
+    return np.asarray(before == touches.indices - 1)
 
 
 def _begins(touches: Touches, memory: Memory) -> Bool:

@@ -55,11 +55,9 @@ _NOTHING: Final = Between(np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """Contact of a volume and a body at n times, before the response's memory.
-
-    With impacts, all times with the effect on are included, because an impact may still be
-    felt; otherwise times with touched or near skin only.
-    """
+    """Contact of a volume and a body at n times, before the response's memory. With impacts, all
+    times with the effect on are included, because an impact may still be felt; otherwise times with
+    touched or near skin only."""
 
     stream: Stream
     filters: tuple[Filter, ...]

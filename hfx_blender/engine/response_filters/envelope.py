@@ -72,8 +72,7 @@ class RingingImpact:
     def _peaks(self, times_s: F64, before_s: F64) -> Bool:
         """Mask (n,) of times with the peak after ``before_s`` (n,) and not after the time
         itself."""
-        peaks: Bool = (before_s < self.peaks_s) & (self.peaks_s <= times_s)
-        return peaks
+        return np.asarray((before_s < self.peaks_s) & (self.peaks_s <= times_s))
 
 
 def kernel(since_s: F64, attack_s: float, decay_s: float) -> F64:

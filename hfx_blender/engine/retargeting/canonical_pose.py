@@ -21,10 +21,8 @@ from .joints import Skeletons, dominant
 from .target import weight_matrix
 from .turns import about, affine, apply, axes_of, extent_of, least_turn, tip_of, twist_about
 
-# Range of plausible changes of girth
-_GIRTHS: Final = (0.4, 2.5)
-# Height of the canonical skull from crown to ears, metres
-_SKULL_M: Final = 0.13
+_GIRTHS: Final = (0.4, 2.5)  # range of plausible changes of girth
+_SKULL_M: Final = 0.13  # height of the canonical skull from crown to ears, metres
 _UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -54,11 +52,9 @@ def matrices(avatar: Avatar, bodies: Skeletons, largest_head: float = 2.0) -> F6
 
 
 class _Segments:
-    """Transforms of body segments from canonical to target, computed on first use and cached.
-
-    A transform is a pair: rotation (3, 3) without scale, for the segments that follow, and matrix
-    (4, 4) with scale and shift. ``_c`` and ``_t`` are the canonical and target joints.
-    """
+    """Transforms of body segments from canonical to target, computed on first use and cached. A
+    transform is a pair: rotation (3, 3) without scale, for the segments that follow, and matrix (4,
+    4) with scale and shift. ``_c`` and ``_t`` are the canonical and target joints."""
 
     def __init__(self, avatar: Avatar, bodies: Skeletons, largest_head: float) -> None:
         self._largest_head = largest_head

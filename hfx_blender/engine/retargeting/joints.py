@@ -27,8 +27,7 @@ from .turns import apply, similarity
 _FRAME_JOINTS: Final = ("neck", "head", "hip", "shoulder", "knee", "ankle", "ball")
 _TRUNK_JOINTS: Final = ("neck", "head", "hip", "shoulder")
 _LEG: Final = ("hip", "knee", "ankle", "ball")
-# Smallest cosine between a straight leg's bone and its direction when standing
-_BENT: Final = 0.75
+_BENT: Final = 0.75  # smallest cosine between a straight leg's bone and its direction when standing
 _NEEDED: Final = ("hip.L", "hip.R", "shoulder.L", "shoulder.R")
 # Largest RMS distance from canonical joints of torso, legs and head, fraction of the height
 _LARGEST_MISFIT: Final = 0.12
@@ -40,8 +39,7 @@ _WIDTHS: Final = (0.05, 3.0)
 _LEAST_SKIN: Final = 0.25
 # Smallest height of the skin above the head joint, metres; below, the head is absent
 _LEAST_SKULL_M: Final = 0.03
-# Fingers joined in a mitten
-_FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")
+_FINGERS: Final = ("finger2", "finger3", "finger4", "finger5")  # fingers joined in a mitten
 
 # Hinge to first and last joint of its limb, and the regions above and below
 _LIMBS: Final = {
@@ -49,8 +47,7 @@ _LIMBS: Final = {
     "knee": ("hip", "ankle", "upperleg", "lowerleg"),
 }
 
-# Largest distance of skin from a hinge for the estimate by weights
-_AROUND_M: Final = 0.14
+_AROUND_M: Final = 0.14  # largest distance of skin from a hinge for the estimate by weights
 _ALONG_M: Final = 0.12
 # Smallest correction; smaller differences also occur on avatars with correct joints
 _LEAST_M: Final = 0.008
@@ -73,11 +70,9 @@ class Skeletons:
 
 
 def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping) -> Skeletons:
-    """Joints and regions of both bodies, and the similarity transform between them.
-
-    Raises InputError: required joints are missing, proportions or posture are not human, or there
-    is no torso.
-    """
+    """Joints and regions of both bodies, and the similarity transform between them. Raises
+    InputError: required joints are missing, proportions or posture are not human, or there is no
+    torso."""
     known = {bone.name for bone in target.bones}
     unknown = [rig_bone for rig_bone in mapping.bones.values() if rig_bone not in known]
     if unknown:
@@ -337,10 +332,8 @@ class _Limb:
 
     def crossing_m(self, points: F64, upper: F64, lower: F64) -> float | None:
         """Position along the limb of the transition from upper to lower weights; 0 at the hinge.
-
         None if folded, or without enough skin of both bones. ``upper`` and ``lower`` (N,) are the
-        weights of points (N, 3).
-        """
+        weights of points (N, 3)."""
         units = self.ways / self.lengths[:, None]
         # A plane across the bisector separates the two bones of a bent limb.
         axis = units.sum(axis=0)

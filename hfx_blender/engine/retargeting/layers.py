@@ -33,22 +33,16 @@ _DEPTHS_M: Final = (0.003, 0.01, 0.02, 0.032)
 _DEEPEST_M: Final = 0.04
 # Largest lateral distance to another layer: half the size of a cut triangle
 _ASIDE_M: Final = 0.014
-# Edge of grid cells of the coarse search; at least the distance of layers
-_CELL_M: Final = 0.045
-# Smallest cosine between the normals of two layers
-_ALIKE: Final = 0.3
-# Largest distance of layers from the posed body (big heads, capes)
-_NEAR_M: Final = 0.16
+_CELL_M: Final = 0.045  # edge of grid cells of the coarse search; at least the distance of layers
+_ALIKE: Final = 0.3  # smallest cosine between the normals of two layers
+_NEAR_M: Final = 0.16  # largest distance of layers from the posed body (big heads, capes)
 # Smallest fraction of the surface of a covering piece; smaller are buttons, eyelashes
 _LARGE: Final = 0.004
 # Offset from the canonical head joint to the point between eyes and ears
 _EYES_M: Final = np.array([0.0, -0.01, 0.07])
-# Smallest forward component of a viewing direction (60 degrees to all sides)
-_AHEAD: Final = 0.5
-# Cell size of viewing directions, as a difference of unit vectors
-_STEP: Final = 0.15
-# Smallest upward component of directions to hats and hair
-_CHIN: Final = -0.35
+_AHEAD: Final = 0.5  # smallest forward component of a viewing direction (60 degrees to all sides)
+_STEP: Final = 0.15  # cell size of viewing directions, as a difference of unit vectors
+_CHIN: Final = -0.35  # smallest upward component of directions to hats and hair
 _HEAD: Final = REGIONS.index("head")
 # Number of the parent of each region
 _ABOVE: Final = np.array([REGIONS.index(above(region)) for region in REGIONS])
@@ -61,11 +55,9 @@ _SHOWN_M: Final = 0.12
 def leaving_out(
     surface: TargetSurface, layer: Layer, body: F64, bodies: Skeletons
 ) -> Generator[float, None, npt.NDArray[np.bool_]]:
-    """Generator: mask (N,) of the cut triangles of unused layers; yields progress 0..1.
-
-    ``body`` (V, 3) is the canonical avatar in the target's pose, normalised space. All False for a
-    surface with a single large piece.
-    """
+    """Generator: mask (N,) of the cut triangles of unused layers; yields progress 0..1. ``body``
+    (V, 3) is the canonical avatar in the target's pose, normalised space. All False for a surface
+    with a single large piece."""
     from scipy.spatial import cKDTree
 
     pieces = connected_pieces(weld(surface.points)[surface.triangles])

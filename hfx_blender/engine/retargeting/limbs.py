@@ -41,10 +41,8 @@ SLACK_M: Final = {
 
 Measured with the rigs of MakeHuman and SOMA on meshes with known joints."""
 
-# Height of the navel between hips (0) and shoulders (1)
-_WAIST: Final = 0.3
-# Half the length of a ring of skin, metres
-_RING_M: Final = 0.02
+_WAIST: Final = 0.3  # height of the navel between hips (0) and shoulders (1)
+_RING_M: Final = 0.02  # half the length of a ring of skin, metres
 
 HINGES: Final = ("elbow", "wrist", "knee", "ankle")
 """Joints at the same anatomical place on all rigs."""
@@ -52,10 +50,8 @@ HINGES: Final = ("elbow", "wrist", "knee", "ankle")
 _FEWEST_IN_RING: Final = 6
 # Largest cosine between the bones of a bent joint: 53 degrees; the canonical arm has 43
 _BENT: Final = 0.6
-# Number of directions of outlines around a joint
-_SECTORS: Final = 8
-# Largest distance of ring skin from the joint; excludes the other leg
-_RING_RADIUS_M: Final = 0.14
+_SECTORS: Final = 8  # number of directions of outlines around a joint
+_RING_RADIUS_M: Final = 0.14  # largest distance of ring skin from the joint; excludes the other leg
 
 
 @dataclass(frozen=True, eq=False)

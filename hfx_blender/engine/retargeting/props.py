@@ -28,12 +28,9 @@ from .target import TargetAvatar, areas_of, connected_pieces, owners_of, weld, w
 
 # Smallest distance of a protruding vertex from the body, metres at canonical size
 _REACH_M: Final = 0.12
-# Smallest distance of a surface outside of the body
-_BESIDE_M: Final = 0.06
-# Smallest fraction of a protruding surface outside of the body
-_MOSTLY: Final = 0.5
-# Smallest skin weight of a vertex on a single bone
-_ALONE: Final = 0.99
+_BESIDE_M: Final = 0.06  # smallest distance of a surface outside of the body
+_MOSTLY: Final = 0.5  # smallest fraction of a protruding surface outside of the body
+_ALONE: Final = 0.99  # smallest skin weight of a vertex on a single bone
 
 # Words of bones of hair and clothes (see :mod:`.layers`)
 _WORN: Final = re.compile(

@@ -41,10 +41,8 @@ Loose trousers shifted a kneecap by twice this distance; a touch at 25 mm misses
 RIGHT_WAY: Final = 0.9
 """Smallest fraction of limb vertices on a limb of the correct side."""
 
-# Smallest fraction of a part present on the avatar (one hand of two, no stump)
-_SHOWN: Final = 0.4
-# Smallest ``in_place`` of a carrying part for a fit to the surface
-_LOST: Final = 0.5
+_SHOWN: Final = 0.4  # smallest fraction of a part present on the avatar (one hand of two, no stump)
+_LOST: Final = 0.5  # smallest ``in_place`` of a carrying part for a fit to the surface
 # Parts required for a fit to the surface; hands and feet may be missing
 _CARRYING: Final = ("head", "torso", "upper_arm", "forearm", "upper_leg", "lower_leg")
 
@@ -89,8 +87,7 @@ _PER_ESTIMATE: Final = 1.25
 _PER_SHAPE: Final = 1.5
 _PER_PULL: Final = 1.2
 _PER_SOLE: Final = 1.0
-# Smallest uncertainty of a torso without legs (73 mm observed)
-_HALF_BODY_M: Final = 0.08
+_HALF_BODY_M: Final = 0.08  # smallest uncertainty of a torso without legs (73 mm observed)
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,8 @@ FORMAT: Final = "hfx shapes"
 VERSION: Final = 1
 
 _ROUNDS: Final = 6
-# Largest distance to the surface in the first round; half in the last
-_REACH_M: Final = 0.12
-# Distance with half weight; hair and clothes are outliers
-_OUTLIER_M: Final = 0.02
+_REACH_M: Final = 0.12  # largest distance to the surface in the first round; half in the last
+_OUTLIER_M: Final = 0.02  # distance with half weight; hair and clothes are outliers
 # Squared misfit (m², summed over vertices) equivalent to one standard deviation of a field. Far
 # above the noise of a scan, because distances of neighbours are correlated. Chosen on a body of
 # another source than the fields.

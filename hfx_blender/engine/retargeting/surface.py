@@ -14,15 +14,11 @@ from ..arrays import F64, I64
 from ..native.library import library
 from ..volume.mesh_distance import TriangleTree, barycentric
 
-# Longest edge of cut triangles; the search compares triangle centres
-_LONGEST_EDGE_M: Final = 0.02
+_LONGEST_EDGE_M: Final = 0.02  # longest edge of cut triangles; the search compares triangle centres
 _CANDIDATES: Final = 8
-# Added to radii, so that rounding leaves no triangle out
-_ROUNDING_M: Final = 1e-9
-# Smallest skin weight of a vertex or triangle in a region
-_SHARE: Final = 0.1
-# Smallest cosine between the normals of matched places
-_FACING: Final = 0.3
+_ROUNDING_M: Final = 1e-9  # added to radii, so that rounding leaves no triangle out
+_SHARE: Final = 0.1  # smallest skin weight of a vertex or triangle in a region
+_FACING: Final = 0.3  # smallest cosine between the normals of matched places
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +33,8 @@ class NearestSkin:
 
 
 class TargetSurface:
-    """Target's skin in normalised space, with search trees for each region.
-
-    ``points`` are (A, 3), ``triangles`` (F, 3), ``shares`` (A, R) skin weights by region.
-    """
+    """Target's skin in normalised space, with search trees for each region. ``points`` are (A, 3),
+    ``triangles`` (F, 3), ``shares`` (A, R) skin weights by region."""
 
     def __init__(self, points: F64, triangles: I64, shares: F64) -> None:
         from trimesh.triangles import normals
@@ -211,8 +205,7 @@ def vertex_normals(points: F64, triangles: I64) -> F64:
 STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)
 """Weight of the smoothness term relative to the surface, by round."""
 
-# Largest distance to the surface in the first round; half in the last
-_REACH_M: Final = 0.12
+_REACH_M: Final = 0.12  # largest distance to the surface in the first round; half in the last
 # Smallest squared cosine between surface normal and the direction across a limb
 _STEEPEST: Final = 0.5
 

@@ -20,16 +20,14 @@ from ..volume.mesh_topology import winding_groups
 _LARGE_PIECE: Final = 0.01
 # Smallest total fraction of large pieces; the rest may be eyes, lashes, buttons
 _LARGE_PIECES: Final = 0.5
-# Largest fraction of edges with more than two triangles
-_PINCHED_EDGES: Final = 0.01
+_PINCHED_EDGES: Final = 0.01  # largest fraction of edges with more than two triangles
 # Largest fraction of duplicate faces (both sides of lashes and eyelids)
 _DOUBLED_FACES: Final = 0.1
 # Negative fraction of a mesh's volume that means inside out; about 0 for open sheets
 _INSIDE_OUT: Final = 0.1
 # Smallest fraction of the surface facing inwards for which single faces are flipped
 _TURNED: Final = 0.02
-# Largest fraction of vertices without a weight
-_UNSKINNED: Final = 0.2
+_UNSKINNED: Final = 0.2  # largest fraction of vertices without a weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +44,8 @@ class TargetAvatar:
 
 def check(target: TargetAvatar, name: str) -> str | None:
     """Fault of a mesh without a continuous surface (many pieces, non-manifold edges), or None.
-
     Raises InputError: the mesh has no faces, no size, non-finite coordinates, or mostly unweighted
-    vertices.
-    """
+    vertices."""
     if not len(target.triangles):
         raise InputError(f"Avatar '{name}' has no faces that a body could be fitted to.")
     if not np.isfinite(target.vertices).all():
@@ -192,10 +188,8 @@ def with_ancestors(parents: Mapping[str, str | None], names: Iterable[str]) -> s
 
 def owners_of(target: TargetAvatar, canonical: Mapping[str, str]) -> list[str | None]:
     """Canonical bone of each bone in ``target.bone_names``; ``canonical`` maps bones of the rig.
-
     Bones without mapping (twists, helpers) take the nearest mapped ancestor; ancestors of mapped
-    bones take the root; None for bones outside of the body's hierarchy.
-    """
+    bones take the root; None for bones outside of the body's hierarchy."""
     parents = {bone.name: bone.parent for bone in target.bones}
     ancestors = with_ancestors(parents, canonical)
     owners: list[str | None] = []

@@ -28,10 +28,8 @@ class UsedBones:
 
     def slots(self, given: int) -> I64:
         """Index into ``ids`` of each bone of a pose, (given + 1,); 0 for bones without weights.
-
         ``given`` is the number of bones of the pose; entry ``given`` stands for a bone beyond it.
-        Cached. Raises IndexError for a used bone with an id above ``given``.
-        """
+        Cached. Raises IndexError for a used bone with an id above ``given``."""
         if given not in self._slots:
             if len(self.ids) and self.ids[-1] > given:
                 raise IndexError(f"bone {self.ids[-1]} of a pose of {given}")
@@ -85,16 +83,13 @@ class BoundClusters:
         """Number of skin weights of each cluster, (C,)."""
         # Running sums, read at the last vertex of each cluster.
         ends = np.cumsum(np.diff(self._offsets)[self._members])
-        counts: I64 = np.diff(ends[self._starts[1:] - 1], prepend=0)
-        return counts
+        return np.asarray(np.diff(ends[self._starts[1:] - 1], prepend=0))
 
     @cached_property
     def bone_boxes(self) -> tuple[I64, I64, F64, F64]:
-        """Each cluster's bones, and boxes at rest of the vertices that each bone moves.
-
-        The first pair of each cluster (C + 1,), the bone of each pair (P,), ascending within a
-        cluster, and the lowest and highest corner of each pair's box, (P, 3) each, m.
-        """
+        """Each cluster's bones, and boxes at rest of the vertices that each bone moves. The first
+        pair of each cluster (C + 1,), the bone of each pair (P,), ascending within a cluster, and
+        the lowest and highest corner of each pair's box, (P, 3) each, m."""
         most = int(np.minimum(self.weight_counts, self.bone_count).sum())
         starts, bones = np.empty(len(self._starts), np.int64), np.empty(most, np.int64)
         low, high = np.empty((2, most, 3))

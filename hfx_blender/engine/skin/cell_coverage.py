@@ -137,10 +137,8 @@ class SkinCoverage:
 
 
 class BodySkin:
-    """Skin of a perceptual model on one body.
-
-    ``bind`` returns a model bound to the body, given the model and its clusters.
-    """
+    """Skin of a perceptual model on one body. ``bind`` returns a model bound to the body, given the
+    model and its clusters."""
 
     def __init__(
         self,
@@ -203,10 +201,8 @@ class BodySkin:
 
 
 class BoundSkins:
-    """Cache of the skins of a scene; ``counters`` count loaded models.
-
-    ``models`` loads a perceptual model by id on first use.
-    """
+    """Cache of the skins of a scene; ``counters`` count loaded models. ``models`` loads a
+    perceptual model by id on first use."""
 
     def __init__(
         self, models: Callable[[str], PerceptualModel], tolerance: Tolerance, counters: Counters

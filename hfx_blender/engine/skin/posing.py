@@ -29,10 +29,8 @@ LEAF_SIZE: Final = 128
 
 def clusters_of(model: PerceptualModel, load: I64 | None = None) -> list[I32]:
     """Split a model into compact clusters (ascending vertex ids) within one body part and side.
-
     ``load`` (V,) is the weight of each vertex towards :data:`LEAF_SIZE`, 1 by default. Without the
-    compiled library, there is one cluster per part and side.
-    """
+    compiled library, there is one cluster per part and side."""
     label = model.part.astype(np.int32) * 4 + model.side
     pieces = [np.flatnonzero(label == value).astype(np.int32) for value in np.unique(label)]
     return native.split(pieces, model.vertices, load, LEAF_SIZE) if library.is_there() else pieces

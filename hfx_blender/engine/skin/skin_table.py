@@ -23,8 +23,7 @@ from ..native.cluster_bounds import cut
 from ..native.library import loaded, structure
 from ..tolerance import Tolerance
 
-# Fraction of a unit always represented by the vertex, at any tolerance
-_LEAST_SHARE: Final = 0.01
+_LEAST_SHARE: Final = 0.01  # fraction of a unit always represented by the vertex, at any tolerance
 _EXTENT: Final = 7  # float64 elements of the C structure ``extent``
 
 
@@ -184,10 +183,8 @@ class SkinTable:
 
 @dataclass(frozen=True, eq=False)
 class SkinMesh:
-    """Surface of a model, and the triangle corners of each vertex.
-
-    Corner ``3 f + k`` is the ``k``-th corner of triangle ``f``.
-    """
+    """Surface of a model, and the triangle corners of each vertex. Corner ``3 f + k`` is the
+    ``k``-th corner of triangle ``f``."""
 
     vertices: F32  # (V, 3)
     normals: F32  # (V, 3)

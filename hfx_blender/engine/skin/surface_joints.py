@@ -29,10 +29,8 @@ _FARTHEST_M: Final = 0.5  # largest distance along the skin from vertex to patch
 
 
 class SurfaceJoints:
-    """Joints of a body bound to a surface.
-
-    ``models`` loads a perceptual model by id; the anchored model with most vertices is used.
-    """
+    """Joints of a body bound to a surface. ``models`` loads a perceptual model by id; the anchored
+    model with most vertices is used."""
 
     def __init__(self, binding: SurfaceBinding, models: Callable[[str], PerceptualModel]) -> None:
         self._model = models(max(binding.anchors, key=lambda id: len(binding.anchors[id].corners)))
@@ -50,11 +48,9 @@ class SurfaceJoints:
         self._spread = np.maximum(spread, 1e-9)
 
     def matrices(self, pose: PoseBlock, rows: I64) -> tuple[F32, F64]:
-        """Motion (T, J, 3, 4) of the joints, rest to the avatar's local space, and errors (2,).
-
-        The errors are the 99th percentile and the maximum over vertices of the distance between
-        blended and true positions, each at its worst row, in units of the avatar.
-        """
+        """Motion (T, J, 3, 4) of the joints, rest to the avatar's local space, and errors (2,). The
+        errors are the 99th percentile and the maximum over vertices of the distance between blended
+        and true positions, each at its worst row, in units of the avatar."""
         joint_matrices = np.empty((len(rows), len(self.names), 3, 4), np.float32)
         errors = np.zeros(2)
         for k in range(len(rows)):

@@ -45,10 +45,8 @@ class SurfaceDrive:
 
     def amplitude(self, amplitude_m_s2: npt.ArrayLike, own_per_m: float | None) -> F64:
         """Amplitudes (m/s^2) of a surface on a device with a calibrated drive per metre of height.
-
         ``own_per_m`` is that drive (c_v of the textile paper); amplitudes are multiplied by its
-        ratio to ``drive_per_m``, but raised at most to ``full_m_s2``. None: unchanged.
-        """
+        ratio to ``drive_per_m``, but raised at most to ``full_m_s2``. None: unchanged."""
         amplitude = np.asarray(amplitude_m_s2, np.float64)
         if own_per_m is None:
             return amplitude
@@ -58,11 +56,9 @@ class SurfaceDrive:
 
 
 class SurfaceDrives:
-    """Drives of the surfaces of a track on one device.
-
-    ``settings`` are those of the track; ``own_per_m`` is the c_v of the device, None without
-    calibration. Raises InputError: the setting is invalid.
-    """
+    """Drives of the surfaces of a track on one device. ``settings`` are those of the track;
+    ``own_per_m`` is the c_v of the device, None without calibration. Raises InputError: the setting
+    is invalid."""
 
     def __init__(self, settings: Mapping[str, Any], own_per_m: float | None) -> None:
         self._own_per_m = own_per_m

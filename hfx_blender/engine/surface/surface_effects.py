@@ -45,11 +45,9 @@ class SurfaceSamples:
 
 
 class SurfaceEffects:
-    """Contacts of each surface with each body, tracked over successive blocks.
-
-    A block continuing the previous block continues its contacts, so results do not depend on the
-    division into blocks.
-    """
+    """Contacts of each surface with each body, tracked over successive blocks. A block continuing
+    the previous block continues its contacts, so results do not depend on the division into
+    blocks."""
 
     def __init__(self, step_s: float, counters: Counters) -> None:
         self._step_s = step_s

@@ -36,11 +36,9 @@ class SurfaceMesh:
 
 @dataclass(frozen=True, eq=False)
 class ContactPaths:
-    """Contacts at successive times with their paths since the time before.
-
-    A path has two straight pieces. With continuous coordinates the second continues the first; at a
-    seam, the first is on the departing side and the second on the arriving side.
-    """
+    """Contacts at successive times with their paths since the time before. A path has two straight
+    pieces. With continuous coordinates the second continues the first; at a seam, the first is on
+    the departing side and the second on the arriving side."""
 
     time: I64  # (n,) index of the time, ascending
     ids: I64  # (n,) point of skin, ascending within a time
@@ -207,11 +205,9 @@ class ContactFollower:
     def _paths(
         self, vertices: F64, places: NearestPlaces, time: I64, ids: I64, follows: Bool, carried: int
     ) -> ContactPaths:
-        """Paths of places since the time before; no length for new contacts.
-
-        ``vertices`` (T or 1, V, 3) are in the space of the places; the first ``carried`` entries
-        are of the call before.
-        """
+        """Paths of places since the time before; no length for new contacts. ``vertices`` (T or 1,
+        V, 3) are in the space of the places; the first ``carried`` entries are of the call
+        before."""
         triangle, weights = places.triangle, places.weights
         coordinates = self._mesh.coordinates_m.take(triangle, axis=0)
         now = np.einsum("nk,nkc->cn", weights, coordinates)
@@ -252,9 +248,8 @@ class ContactFollower:
         self, vertices: F64, time: I64, triangle: I64, ends: F64, continued: I64, was: I64, way: F64
     ) -> I64:
         """Split paths at seams in ``ends`` (4, 2, n); returns indices of ``continued`` at seams.
-
-        ``was`` are the contacts' entries at the time before, ``way`` (m, 3) their paths in space.
-        """
+        ``was`` are the contacts' entries at the time before, ``way`` (m, 3) their paths in
+        space."""
         # The path in the surface coordinates of the triangle before and of the present triangle.
         both = np.stack([triangle[was], triangle[continued]])
         if self._still is not None and vertices is self._still.placed:
@@ -280,10 +275,8 @@ class ContactFollower:
 
 class _Still:
     """First placement of a rigid mesh, by vertices (V, 3) and the linear part (3, 3), with search.
-
     ``placed`` (1, V, 3) are the vertices in the space of the search, ``charts`` (F, 2, 3) as of
-    :func:`_charts` there.
-    """
+    :func:`_charts` there."""
 
     def __init__(self, mesh: SurfaceMesh, local: F64, linear: F64, reach_m: float) -> None:
         self.local = local.copy()
@@ -325,5 +318,4 @@ def _charts(corners: F64, coordinates_m: F64) -> F64:
     to_v = (gram[:, 1, 1, None] * edges[:, 0] - gram[:, 0, 1, None] * edges[:, 1]) / det
     to_w = (gram[:, 0, 0, None] * edges[:, 1] - gram[:, 0, 1, None] * edges[:, 0]) / det
     steps = coordinates_m[:, 1:] - coordinates_m[:, :1]
-    charts: F64 = steps[:, 0, :, None] * to_v[:, None] + steps[:, 1, :, None] * to_w[:, None]
-    return charts
+    return np.asarray(steps[:, 0, :, None] * to_v[:, None] + steps[:, 1, :, None] * to_w[:, None])

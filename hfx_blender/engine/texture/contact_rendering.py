@@ -22,8 +22,7 @@ from .stroke_rendering import amplitude_and_frequency, without_waviness
 from .textile import RATE_HZ, WINDOW_S, weighted_rms
 
 _MAX_FACTOR: Final = 32
-_AT_ONCE: Final = 1 << 13
-"""Heights looked up at a time, to stay in the processor's cache."""
+_AT_ONCE: Final = 1 << 13  # heights looked up at a time, to stay in the processor's cache
 
 
 class ContactRenderer:
@@ -47,11 +46,9 @@ class ContactRenderer:
             self._per_texel = np.array([[1.0 / up], [1.0 / across]])
 
     def render(self, paths: ContactPaths) -> tuple[F64, F64]:
-        """Drive 0..1 and frequency (Hz; 0: the device's own) of each contact, (n,) each.
-
-        To be called with each result of :meth:`.ContactFollower.follow` in order. Resting, new and
-        carried contacts are silent; the drive is cut at 1.
-        """
+        """Drive 0..1 and frequency (Hz; 0: the device's own) of each contact, (n,) each. To be
+        called with each result of :meth:`.ContactFollower.follow` in order. Resting, new and
+        carried contacts are silent; the drive is cut at 1."""
         drive, frequency = np.zeros(len(paths)), np.zeros(len(paths))
         moves = paths.length_m > REST_M_S * self._step_s
         moves[: paths.carried] = False
@@ -172,8 +169,7 @@ class ContactRenderer:
 @lru_cache(maxsize=64)
 def _shares(count: int) -> F64:
     """Centres (count,) of equal parts of a path, as shares of its length."""
-    shares: F64 = (np.arange(count) + 0.5) / count
-    return shares
+    return np.asarray((np.arange(count) + 0.5) / count)
 
 
 def _on_the_way(

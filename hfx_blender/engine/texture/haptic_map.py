@@ -21,11 +21,9 @@ STANDARD_GRAVITY: Final = 9.80665
 
 @dataclass(frozen=True)
 class DeviceRange:
-    """Range of amplitudes and frequencies of a vibration device.
-
-    Defaults: the reference phone of Liu and Gu (2025, section 3.2). Raises InputError for a range
-    that is not finite, ascending and positive.
-    """
+    """Range of amplitudes and frequencies of a vibration device. Defaults: the reference phone of
+    Liu and Gu (2025, section 3.2). Raises InputError for a range that is not finite, ascending and
+    positive."""
 
     amplitude_g: tuple[float, float] = (0.0, 1.3)  # peak at intensity 0 and 1, g
     frequency_hz: tuple[float, float] = (80.0, 260.0)  # at sharpness 0 and 1
@@ -59,11 +57,9 @@ class DeviceRange:
 
 @dataclass(frozen=True)
 class NoticeableSteps:
-    """Just-noticeable differences of amplitude and frequency.
-
-    Defaults: Liu and Gu (2025, section 3.4.1), silence and six levels up to 1.2 g, five frequencies
-    from 80 to 240 Hz. Raises InputError for steps of 0 or less.
-    """
+    """Just-noticeable differences of amplitude and frequency. Defaults: Liu and Gu (2025, section
+    3.4.1), silence and six levels up to 1.2 g, five frequencies from 80 to 240 Hz. Raises
+    InputError for steps of 0 or less."""
 
     amplitude_g: float = 0.2
     frequency_hz: float = 40.0
@@ -88,11 +84,9 @@ def _stepped(share: F32, limits: tuple[float, float], step: float) -> F32:
 
 @dataclass(frozen=True, eq=False)
 class HapticMap:
-    """Two layers of Liu and Gu (2025, section 3.2), relative to a device's range.
-
-    Row 0 is at the bottom, as in :class:`.HeightField`. Raises InputError for layers that differ in
-    size or leave 0..1, or a texel without size.
-    """
+    """Two layers of Liu and Gu (2025, section 3.2), relative to a device's range. Row 0 is at the
+    bottom, as in :class:`.HeightField`. Raises InputError for layers that differ in size or leave
+    0..1, or a texel without size."""
 
     intensity: F32  # (H, W) 0 silent to 1 strongest
     sharpness: F32  # (H, W) 0 lowest frequency (rough) to 1 highest (smooth)

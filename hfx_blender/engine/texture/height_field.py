@@ -19,19 +19,14 @@ from ..arrays import F64, I64
 
 Order = Literal["linear", "cubic"]
 
-_STEEPEST: Final = 0.05
-"""Smallest z of a unit normal; steeper normals are faults of a map."""
-
-_AT_ONCE: Final = 1 << 13
-"""Points looked up at a time, to stay in the processor's cache."""
+_STEEPEST: Final = 0.05  # smallest z of a unit normal; steeper normals are faults of a map
+_AT_ONCE: Final = 1 << 13  # points looked up at a time, to stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
 class HeightField:
-    """Heights over a rectangle of a plane, in metres.
-
-    Raises InputError without texels or size, or for non-finite heights (see :mod:`.scan`).
-    """
+    """Heights over a rectangle of a plane, in metres. Raises InputError without texels or size, or
+    for non-finite heights (see :mod:`.scan`)."""
 
     heights_m: F64  # (H, W)
     texel_m: tuple[float, float]  # size of a texel along x and y
@@ -263,11 +258,9 @@ def heights_of_normals(
 
 
 def gaussian_waviness(field: HeightField, cutoff_m: float) -> F64:
-    """Waviness (H, W) of a surface in metres: areal Gaussian low-pass at a cut-off.
-
-    Transmission at wavelength l is ``2 ** -((cutoff / l) ** 2)``, by Fourier transform; a surface
-    without tiling is mirrored at its edges.
-    """
+    """Waviness (H, W) of a surface in metres: areal Gaussian low-pass at a cut-off. Transmission at
+    wavelength l is ``2 ** -((cutoff / l) ** 2)``, by Fourier transform; a surface without tiling is
+    mirrored at its edges."""
     heights = field.heights_m
     rows, columns = heights.shape
     if not field.tiles:

@@ -56,11 +56,9 @@ def crossed_texels(
 def strongest_crossed(
     starts_m: F64, ends_m: F64, map_: HapticMap
 ) -> tuple[npt.NDArray[np.float32], I64]:
-    """Intensity and number of the strongest texel on each straight segment, (M,) each.
-
-    Of equally strong texels the lowest number counts, so the direction does not matter. Segments go
-    from ``starts_m`` to ``ends_m`` (2, M), surface coordinates, m.
-    """
+    """Intensity and number of the strongest texel on each straight segment, (M,) each. Of equally
+    strong texels the lowest number counts, so the direction does not matter. Segments go from
+    ``starts_m`` to ``ends_m`` (2, M), surface coordinates, m."""
     if not starts_m.size:
         return np.zeros(0, np.float32), np.zeros(0, np.int64)
     lines = _lines(starts_m, ends_m, map_.texel_m)
@@ -77,10 +75,8 @@ def strongest_crossed(
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Entries of segments into texels: a list for each segment by columns, then one by rows.
-
-    Each of these 2 M lists starts with the first texel of its segment.
-    """
+    """Entries of segments into texels: a list for each segment by columns, then one by rows. Each
+    of these 2 M lists starts with the first texel of its segment."""
 
     owner: I64  # (n,) index of the list
     step: I64  # (n,) count of the crossed line; 0: start of the segment
@@ -145,10 +141,8 @@ def strongest_in_steps(
     map_: HapticMap, stroke: Stroke, step_s: float, count: int
 ) -> tuple[F64, F64]:
     """Intensity and sharpness (count,) of the strongest texel in each time step of a stroke.
-
     ``count`` steps begin at the start of the stroke. Intensity is 0 at rest; sharpness is that of
-    the same texel, at rest of the last texel, 0 before any.
-    """
+    the same texel, at rest of the last texel, 0 before any."""
     # Cut the stroke at its own positions and at the borders of steps, so that each segment lies in
     # a single step. Cuts closer than rounding would be segments without a direction.
     borders = stroke.times_s[0] + step_s * np.arange(count + 1)

@@ -78,11 +78,9 @@ def make_map(
 
 
 def blurred_slope(field: HeightField, blur_m: float) -> F32:
-    """Sobel gradient magnitude of the blurred heights, metres per metre, (H, W).
-
-    Spatial kernels, applied by Fourier transform, whose cost does not grow with the blur. A surface
-    without tiling continues flat beyond its edges. Raises TooLargeError for a huge blur.
-    """
+    """Sobel gradient magnitude of the blurred heights, metres per metre, (H, W). Spatial kernels,
+    applied by Fourier transform, whose cost does not grow with the blur. A surface without tiling
+    continues flat beyond its edges. Raises TooLargeError for a huge blur."""
     from scipy import fft
 
     heights = field.heights_m

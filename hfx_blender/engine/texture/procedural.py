@@ -216,11 +216,9 @@ def _timber(rings_m: float, depth_m: float, pores_m: float, cracks_m: float) -> 
 
 
 def woven(weave: Weave, size_m: float, texels: int, seed: int = 0) -> HeightField:
-    """Make a square of cloth (texels, texels) that tiles.
-
-    Period and direction are changed to the nearest values with a whole number of repeats both ways.
-    Raises InputError for a square smaller than a repeat of the weave.
-    """
+    """Make a square of cloth (texels, texels) that tiles. Period and direction are changed to the
+    nearest values with a whole number of repeats both ways. Raises InputError for a square smaller
+    than a repeat of the weave."""
     draft = np.array([[int(c) for c in row] for row in DRAFTS[weave.draft]], np.float64)
     wefts, warps = draft.shape
     repeat = int(np.lcm(wefts, warps))
@@ -269,8 +267,7 @@ def _thread(draft: F64, own: F64, crossing: F64) -> F64:
     smooth = share * share * (3.0 - 2.0 * share)
     first = draft[before % crossed, thread]
     second = draft[(before + 1) % crossed, thread]
-    height: F64 = first + smooth * (second - first)
-    return height
+    return np.asarray(first + smooth * (second - first))
 
 
 def reference_fabrics() -> dict[str, Weave]:

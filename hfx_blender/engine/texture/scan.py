@@ -98,11 +98,9 @@ def from_points(points_m: npt.ArrayLike, texel_m: float | None = None) -> Height
 
 
 def fill_holes(heights_m: npt.ArrayLike) -> F64:
-    """Fill holes (non-finite values) of heights (H, W) smoothly from their borders.
-
-    Known heights are averaged in a pyramid of halved pictures; holes take the next coarser value.
-    Raises InputError without any known height. A picture without holes is returned itself.
-    """
+    """Fill holes (non-finite values) of heights (H, W) smoothly from their borders. Known heights
+    are averaged in a pyramid of halved pictures; holes take the next coarser value. Raises
+    InputError without any known height. A picture without holes is returned itself."""
     heights = np.asarray(heights_m, np.float64)
     known = np.isfinite(heights)
     if known.all():

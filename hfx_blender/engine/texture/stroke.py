@@ -62,8 +62,7 @@ class Stroke:
     def speeds_m_s(self) -> F64:
         """Speeds between successive positions, (N - 1,), m/s."""
         steps = np.linalg.norm(np.diff(self.points_m, axis=0), axis=1)
-        speeds: F64 = steps / np.diff(self.times_s)
-        return speeds
+        return np.asarray(steps / np.diff(self.times_s))
 
     def texels_per_s(self, texel_m: tuple[float, float]) -> F64:
         """Texels per second between successive positions, (N - 1,), along the faster axis."""
@@ -113,10 +112,8 @@ def line(
 
 def along(path_m: F64, speed_m_s: float, rate_hz: float = 120.0) -> Stroke:
     """Stroke along a path (N, 2) at constant speed from time 0, sampled at a pointer's rate.
-
     Successive equal positions count once; the last position is included. Raises InputError for a
-    path without length, or a speed or rate not above zero.
-    """
+    path without length, or a speed or rate not above zero."""
     path = np.asarray(path_m, np.float64)
     if path.ndim != 2 or path.shape[1:] != (2,) or len(path) < 2 or not np.isfinite(path).all():
         raise InputError(f"Path: expected two or more positions (N, 2), got {path.shape}.")

@@ -23,10 +23,8 @@ from .textile import WINDOW_S, drive_levels
 
 @dataclass(frozen=True, eq=False)
 class StrokeSignal:
-    """Vibration over time.
-
-    Amplitude and frequency ``i`` hold from ``times_s[i]`` for ``step_s``.
-    """
+    """Vibration over time. Amplitude and frequency ``i`` hold from ``times_s[i]`` for
+    ``step_s``."""
 
     times_s: F64  # (N,) start of each step
     step_s: float
@@ -42,18 +40,15 @@ class StrokeSignal:
 
 def carrier(amplitude: F64, frequency_hz: F64, step_s: float, rate_hz: float) -> F64:
     """Sine with the amplitudes and frequencies (N,) of steps, and a continuous phase from 0 on.
-
     Shape (round(N * step_s * rate_hz),), in the unit of the amplitude; ``rate_hz`` is that of the
-    result.
-    """
+    result."""
     count = round(len(amplitude) * step_s * rate_hz)
     # The small addend puts a sample on the border of two steps into the later step.
     which = np.minimum(
         (np.arange(count) / (rate_hz * step_s) + 1e-9).astype(np.int64), len(amplitude) - 1
     )
     phase = 2.0 * np.pi * np.cumsum(frequency_hz[which]) / rate_hz
-    waveform: F64 = amplitude[which] * np.sin(phase - phase[:1])
-    return waveform
+    return np.asarray(amplitude[which] * np.sin(phase - phase[:1]))
 
 
 def render_stroke(

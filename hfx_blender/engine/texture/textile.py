@@ -74,9 +74,8 @@ def _multiplicity(n: int) -> F64:
 @lru_cache(maxsize=16)
 def _deficit_vectors(n: int, rate_hz: float) -> F64:
     """Vectors (n, m) whose squared products with a window are subtracted from its mean square.
-
-    Sines and cosines of the frequencies with a weight below 1: mean, below 40 Hz, from 800 Hz on.
-    """
+    Sines and cosines of the frequencies with a weight below 1: mean, below 40 Hz, from 800 Hz
+    on."""
     weights = receptor_weights(np.fft.rfftfreq(n, 1.0 / rate_hz))
     weights[0] = 0.0  # the mean
     lost = _multiplicity(n) * (1.0 - weights**2)
@@ -96,12 +95,9 @@ def drive_levels(
     window_s: float = WINDOW_S,
     step_s: float | None = None,
 ) -> F64:
-    """Drive levels P of equation 3 at the end of each complete step of a stroke.
-
-    Shape (floor(duration / step_s),); above 1 a device is at its limit. A window ends with its
-    step, whose duration is ``window_s`` by default. Before the stroke the finger rests at its
-    start.
-    """
+    """Drive levels P of equation 3 at the end of each complete step of a stroke. Shape
+    (floor(duration / step_s),); above 1 a device is at its limit. A window ends with its step,
+    whose duration is ``window_s`` by default. Before the stroke the finger rests at its start."""
     step_s = window_s if step_s is None else step_s
     count = int(np.floor(stroke.duration_s / step_s * (1.0 + 1e-12)))
     begins = stroke.times_s[0] + step_s * np.arange(1, count + 1) - window_s

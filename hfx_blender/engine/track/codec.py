@@ -45,10 +45,8 @@ _WEIGHT_OF_BYTE: Final = (np.arange(256) / 255.0).astype(np.float32)
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Samples of a stream within a chunk; equal successive sets are stored once.
-
-    With channels, every sample has its own set.
-    """
+    """Samples of a stream within a chunk; equal successive sets are stored once. With channels,
+    every sample has its own set."""
 
     stream: int
     steps: I64  # (n,) sample index minus the chunk's first index, ascending
@@ -109,8 +107,7 @@ def encode_weights(weights: F32) -> npt.NDArray[np.uint8]:
 
 def decode_weights(stored: npt.NDArray[np.uint8]) -> F32:
     """Weights in (0, 1] from 1..255: k / 255 as float32."""
-    weights: F32 = _WEIGHT_OF_BYTE[stored]
-    return weights
+    return np.asarray(_WEIGHT_OF_BYTE[stored])
 
 
 def encode(section: Section) -> bytes:
@@ -175,11 +172,9 @@ def _compiled_columns(
 
 
 def repeated_sets(offsets: I64, vertices: I32, weights: npt.NDArray[Any]) -> Bool:
-    """Mask (m,) of sets equal to the set before, False for the first.
-
-    Set j has the entries ``slice(offsets[j], offsets[j + 1])`` of ``vertices`` and ``weights``
-    (total,); weights of any type are compared.
-    """
+    """Mask (m,) of sets equal to the set before, False for the first. Set j has the entries
+    ``slice(offsets[j], offsets[j + 1])`` of ``vertices`` and ``weights`` (total,); weights of any
+    type are compared."""
     same, native = np.zeros(len(offsets) - 1, np.bool_), library()
     if native is None:
         parts = [slice(a, b) for a, b in pairwise(offsets.tolist())]

@@ -94,11 +94,9 @@ class TrackReader:
         self._archive.close()
 
     def runs(self, start_s: float | None = None, end_s: float | None = None) -> Iterator[SampleRun]:
-        """Yield samples with ``start_s <= time < end_s`` (None: no bound), chunk by chunk.
-
-        Runs of a chunk are in the order of ``header.streams``, never empty. One chunk is held in
-        memory, and only chunks in the range are read. Raises InputError for a damaged file.
-        """
+        """Yield samples with ``start_s <= time < end_s`` (None: no bound), chunk by chunk. Runs of
+        a chunk are in the order of ``header.streams``, never empty. One chunk is held in memory,
+        and only chunks in the range are read. Raises InputError for a damaged file."""
         # Times become sample indices once; a sample's own float time is never compared.
         count = self.header.time.sample_count
         first = 0 if start_s is None else self._first_at_or_after(start_s)
@@ -278,11 +276,9 @@ class TrackReader:
 def read_sections(
     cursor: Cursor, header: TrackHeader, samples_per_chunk: int, full_precision: bool
 ) -> Iterator[Section]:
-    """Yield the decoded sections of a chunk up to the end of the bytes, streams ascending.
-
-    Raises ValueError if the bytes are no such chunk, and TooLargeError if the contacts would take
-    more memory than :data:`.limits.MEMORY`.
-    """
+    """Yield the decoded sections of a chunk up to the end of the bytes, streams ascending. Raises
+    ValueError if the bytes are no such chunk, and TooLargeError if the contacts would take more
+    memory than :data:`.limits.MEMORY`."""
     last = -1
     while not cursor.at_end:
         head = read_head(cursor)

@@ -21,8 +21,7 @@ _ARRIVED = 1e-10  # relative step after which the next step is below rounding
 def _squared_norm(points: F64) -> F64:
     """Squared lengths of vectors (n, N), (N,); infinity on overflow, without a warning."""
     # einsum is faster than np.linalg.norm, and silent on overflow; infinity counts as outside.
-    squared: F64 = np.einsum("ij,ij->j", points, points)
-    return squared
+    return np.asarray(np.einsum("ij,ij->j", points, points))
 
 
 def _half_widths(linear: F64) -> F64:
@@ -86,8 +85,7 @@ class Cuboid(_Convex):
 
     def _inner_depth_m(self, points: F64, linear: F64) -> F64:
         """Least distance (N,) to the six planes, metres."""
-        depths: F64 = np.min((1.0 - np.abs(points)) * _half_widths(linear)[:, None], axis=0)
-        return depths
+        return np.asarray(np.min((1.0 - np.abs(points)) * _half_widths(linear)[:, None], axis=0))
 
 
 @dataclass(frozen=True)
@@ -119,10 +117,8 @@ class Cylinder(_Convex):
 
 @dataclass(frozen=True)
 class Capsule(_Convex):
-    """Points within 1 of the segment from -half_segment to +half_segment on Z.
-
-    The radius is 1: the placing matrix contains a uniform scale by the real radius.
-    """
+    """Points within 1 of the segment from -half_segment to +half_segment on Z. The radius is 1: the
+    placing matrix contains a uniform scale by the real radius."""
 
     half_segment: float
 
@@ -132,8 +128,7 @@ class Capsule(_Convex):
 
     @property
     def bounds(self) -> F64:
-        box: F64 = super().bounds * np.array([1.0, 1.0, 1.0 + self.half_segment])
-        return box
+        return np.asarray(super().bounds * np.array([1.0, 1.0, 1.0 + self.half_segment]))
 
     def _squared(self, points: F64) -> F64:
         """Squared distance (N,) of points (3, N) to the segment; 1 on the boundary."""
@@ -237,8 +232,7 @@ class Ellipsoid:
         """Distance (N,) of the foot for ``tau`` from its point, world units."""
         # x - y = (1 - tau) (x / s) s / (s / s_min)^2 avoids differences of near-equal coordinates.
         gaps = self._shares(along, tau) * self.semi_axes[:, None] / (self._poles + 1.0)
-        distances: F64 = np.abs(1.0 - tau) * np.sqrt(np.sum(gaps**2, axis=0))
-        return distances
+        return np.asarray(np.abs(1.0 - tau) * np.sqrt(np.sum(gaps**2, axis=0)))
 
     def _solve(self, along: F64, nearest: bool) -> F64:
         """Solve for ``tau`` (N,) of the nearest foot or else of the second minimum; NaN without.

@@ -107,8 +107,7 @@ class MeshVolume:
     @property
     def corners(self) -> F64:
         """Corners of the closed surface's triangles, (F, 3, 3): triangle, corner, axis."""
-        corners: F64 = self._vertices[self._triangles]
-        return corners
+        return np.asarray(self._vertices[self._triangles])
 
     @property
     def is_fine(self) -> bool:
@@ -199,8 +198,7 @@ class MeshVolume:
 
     @cached_property
     def _middle(self) -> F64:
-        middle: F64 = self.bounds.mean(axis=0)
-        return middle
+        return np.asarray(self.bounds.mean(axis=0))
 
     @cached_property
     def tree(self) -> TriangleTree:

@@ -115,11 +115,9 @@ class NearestPlaces:
 
 
 class SurfaceLocator:
-    """Search tree for nearest places on one mesh with triangle corners (F, 3, 3).
-
-    Degenerate triangles are ignored. ``reach`` is the largest distance of a nearest place, in the
-    unit of the coordinates.
-    """
+    """Search tree for nearest places on one mesh with triangle corners (F, 3, 3). Degenerate
+    triangles are ignored. ``reach`` is the largest distance of a nearest place, in the unit of the
+    coordinates."""
 
     def __init__(self, corners: F64, reach: float = np.inf) -> None:
         self.reach = reach

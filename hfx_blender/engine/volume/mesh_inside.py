@@ -132,8 +132,7 @@ class InsideGrid:
 
     def _to_cells(self, points: F64) -> F64:
         """Points (3, N) in cells of the grid, axes reordered with the column axis last."""
-        placed: F64 = (points - self._low[:, None])[self._axes] * self._scale
-        return placed
+        return np.asarray((points - self._low[:, None])[self._axes] * self._scale)
 
     def _fill(self, triangles: I64, columns: I64, first: I64, last: I64) -> None:
         """Classify the voxels, and list the triangles of each run. ``triangles`` touch the voxels
@@ -208,8 +207,7 @@ class InsideGrid:
             winding = winding + np.bincount(
                 owners[above], signs[above], minlength=len(winding)
             ).astype(np.int64)
-        inside: Bool = winding != 0
-        return inside
+        return np.asarray(winding != 0)
 
 
 def covered_columns(corners: F64, counts: I64) -> tuple[I64, I64, I64, I64]:

@@ -68,8 +68,7 @@ def boundary_normals(shape: Shape, points: F64, to_world: F64) -> F64:
         normals = _by_neighbours(shape, points)
     world = inverse_3x3(to_world[None, :3, :3])[0].T @ normals
     length = np.sqrt(np.einsum("in,in->n", world, world))
-    unit: F64 = world / np.where(length > 0.0, length, 1.0)
-    return unit
+    return np.asarray(world / np.where(length > 0.0, length, 1.0))
 
 
 def _by_neighbours(shape: Shape, points: F64) -> F64:
@@ -84,8 +83,7 @@ def _by_neighbours(shape: Shape, points: F64) -> F64:
     directions = np.stack([around * np.cos(golden), around * np.sin(golden), height])
     probes = points[:, :, None] + radius * directions[:, None]
     inside = shape.contains(probes.reshape(3, -1)).reshape(points.shape[1], -1)
-    outwards: F64 = -(inside[None] * directions[:, None]).sum(axis=2)
-    return outwards
+    return np.asarray(-(inside[None] * directions[:, None]).sum(axis=2))
 
 
 def distances_m(shape: Shape, points: F64, to_world: F64) -> F64:

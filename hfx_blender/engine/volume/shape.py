@@ -14,10 +14,8 @@ from ..arrays import F64, Bool, inverse_3x3
 
 
 class Shape(Protocol):
-    """A closed solid in *shape space*; points are (3, N) float64, one row for each axis.
-
-    The boundary belongs to the solid. NaN points are outside and raise nothing.
-    """
+    """A closed solid in *shape space*; points are (3, N) float64, one row for each axis. The
+    boundary belongs to the solid. NaN points are outside and raise nothing."""
 
     @property
     def bounds(self) -> F64:
@@ -41,11 +39,9 @@ class FalloffKind(StrEnum):
 
 @dataclass(frozen=True)
 class Falloff:
-    """Weight of 1 in the core, falling to 0 at the boundary.
-
-    ``share`` is the part of the way from boundary to core over which the weight rises: 1 reaches 1
-    only at the core; 0, as kind NONE, is 1 everywhere inside.
-    """
+    """Weight of 1 in the core, falling to 0 at the boundary. ``share`` is the part of the way from
+    boundary to core over which the weight rises: 1 reaches 1 only at the core; 0, as kind NONE, is
+    1 everywhere inside."""
 
     kind: FalloffKind = FalloffKind.NONE
     share: float = 1.0
@@ -126,10 +122,8 @@ def _inverse_placement(matrices: F64) -> tuple[F64, Bool]:
 
 def world_bounds(shape: Shape, matrices: F64) -> F64:
     """Axis-aligned world boxes (T, 2, 3) of a placed shape's bounds: lowest and highest corner, m.
-
     Never too small, rounding included; up to sqrt(3) times too long for a rotated sphere.
-    ``matrices`` (T, 4, 4) are shape space to world; NaN where a matrix is not finite.
-    """
+    ``matrices`` (T, 4, 4) are shape space to world; NaN where a matrix is not finite."""
     low, high = shape.bounds
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -23,15 +23,11 @@ _WHOLE_HZ: Final = 0.5  # rounding error of whole hertz
 _SHORTEST: Final = 3  # keyframes of a curve
 _FINE_TICKS: Final = 8000  # ticks per second, or the next lower multiple of the rates
 
-_SILENT: Final = 0.01
-"""Largest value, as a share of the tolerance, where the original is 0."""
-
+_SILENT: Final = 0.01  # largest value, as a share of the tolerance, where the original is 0
 _STRAIGHT: Final = 1e-9
 """Smallest deviation from the line between its neighbours for which a keyframe is stored."""
 
-_HOLD: Final = 3
-"""Least number of successive equal rows that form a hold."""
-
+_HOLD: Final = 3  # least number of successive equal rows that form a hold
 PITCH_HZ: Final = 1.0
 """Largest frequency error of a vibration, hertz."""
 

@@ -74,10 +74,8 @@ def is_human(bone_of: Mapping[str, str]) -> bool:
 
 
 class _Assignment(Digits):
-    """Assignment of a whole rig: limbs, digits, trunk, in this order.
-
-    ``slots`` lists bones by (slot, side), ``found`` maps canonical bones to avatar bones.
-    """
+    """Assignment of a whole rig: limbs, digits, trunk, in this order. ``slots`` lists bones by
+    (slot, side), ``found`` maps canonical bones to avatar bones."""
 
     def __init__(self, rig: Rig) -> None:
         super().__init__(rig)
@@ -321,10 +319,8 @@ class _Assignment(Digits):
 
 def spine_counterparts(rig: Rig, names: Sequence[str], low: F64, high: F64) -> dict[str, str]:
     """Avatar bone of each canonical spine bone with one, from thighs to neck, by relative height.
-
     ``names`` is the rig's spine from the hips up, without hips; ``low`` (3,) the middle of the
-    thighs' heads and ``high`` (3,) the head of the neck, metres.
-    """
+    thighs' heads and ``high`` (3,) the head of the neck, metres."""
     canonical = canonical_heads()
     own_low = (canonical["upperleg01.L"] + canonical["upperleg01.R"]) / 2
     return _chain(rig, _SPINE, own_low, canonical["neck01"], names, low, high)

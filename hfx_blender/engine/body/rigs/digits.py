@@ -16,9 +16,7 @@ from .vocabulary import FINGERS
 
 class Digits:
     """Recognised bones of a rig by (slot, side), and canonical bones assigned so far (``found``).
-
-    Lists in ``slots`` are sorted by rank, depth, numbers and name.
-    """
+    Lists in ``slots`` are sorted by rank, depth, numbers and name."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig

@@ -88,11 +88,9 @@ def left_by_soles(
 
 
 def assigned_by_geometry(rig: Rig) -> dict[str, str] | None:
-    """Canonical bone to avatar bone by the shape of the hierarchy; None unless one body fits.
-
-    A body has a pelvis with two legs of equal shape and a trunk, and a chest on the trunk with two
-    arms of equal shape and a neck. The left follows from the feet, so legs need a toe joint.
-    """
+    """Canonical bone to avatar bone by the shape of the hierarchy; None unless one body fits. A
+    body has a pelvis with two legs of equal shape and a trunk, and a chest on the trunk with two
+    arms of equal shape and a neck. The left follows from the feet, so legs need a toe joint."""
     # Every bone is tried as pelvis with every pair of legs; two possible bodies are ambiguous.
     reach = _reaches(rig)
     found_bodies = []

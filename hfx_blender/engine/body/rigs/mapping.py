@@ -51,10 +51,8 @@ _ENDS: Final = {"head": "head", "hand": "wrist", "foot": "foot"}
 
 @dataclass(frozen=True)
 class BoneMapping:
-    """Avatar bone for every bone of the canonical skeleton.
-
-    Every canonical bone is in exactly one of ``bones`` and ``fallbacks``.
-    """
+    """Avatar bone for every bone of the canonical skeleton. Every canonical bone is in exactly one
+    of ``bones`` and ``fallbacks``."""
 
     convention: str  # "mixamo", "vrm", "rigify", ..., "plain", "geometry"
     bones: dict[str, str]  # canonical bone -> its counterpart

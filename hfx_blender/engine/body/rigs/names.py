@@ -44,11 +44,8 @@ _NUMBERED: Final = 0.75
 
 @dataclass(frozen=True)
 class BoneName:
-    """Parsed bone name: joint (``slot``), ``side`` and numbers.
-
-    ``side`` is "L", "R", "" (centre, or a limb bone without a side), or "LR" / "RL" for both in
-    order.
-    """
+    """Parsed bone name: joint (``slot``), ``side`` and numbers. ``side`` is "L", "R", "" (centre,
+    or a limb bone without a side), or "LR" / "RL" for both in order."""
 
     slot: str
     side: str

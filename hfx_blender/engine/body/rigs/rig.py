@@ -17,8 +17,7 @@ from .names import is_deform, read_names, without_role
 
 Point = tuple[float, float, float]
 
-# Smallest number of bones with joint names in a body
-_FEWEST_JOINTS: Final = 10
+_FEWEST_JOINTS: Final = 10  # smallest number of bones with joint names in a body
 
 
 @dataclass(frozen=True)

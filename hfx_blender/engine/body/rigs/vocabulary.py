@@ -131,11 +131,9 @@ _INITIALS: Final = frozenset({"lu", "ru", "lf", "rf"})
 
 @lru_cache(maxsize=4096)
 def parted(token: str) -> tuple[str, ...]:
-    """Known words of a lower-case token: ``upperarm`` becomes ``upper``, ``arm``.
-
-    A one-letter side may be joined to either end (``handl``, ``lthigh``). A token not covered by
-    known words is returned unchanged, or completed if the start of one word ("clavic", "fing").
-    """
+    """Known words of a lower-case token: ``upperarm`` becomes ``upper``, ``arm``. A one-letter side
+    may be joined to either end (``handl``, ``lthigh``). A token not covered by known words is
+    returned unchanged, or completed if the start of one word ("clavic", "fing")."""
     if token in KNOWN or token.isdigit():
         return (token,)
     if token in _INITIALS:

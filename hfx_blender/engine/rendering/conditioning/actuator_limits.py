@@ -20,11 +20,9 @@ _ROUNDING: Final = 1e-6
 def limited(
     values: npt.ArrayLike, lowest: npt.ArrayLike, highest: npt.ArrayLike, silent: npt.ArrayLike
 ) -> F64:
-    """Clip values (..., P) of an actuator to ``lowest`` and ``highest``, both included.
-
-    If any of the P parameters is NaN or infinite, all become ``silent``. Limits and ``silent`` are
-    (P,) or broadcastable.
-    """
+    """Clip values (..., P) of an actuator to ``lowest`` and ``highest``, both included. If any of
+    the P parameters is NaN or infinite, all become ``silent``. Limits and ``silent`` are (P,) or
+    broadcastable."""
     values = np.asarray(values, np.float64)
     # Before clipping, as a minimum or maximum alone would turn NaN or infinity into full power.
     is_number = np.isfinite(values).all(axis=-1, keepdims=True)
@@ -32,11 +30,9 @@ def limited(
 
 
 def rounded(values: F64, kind: ActuatorType) -> F64:
-    """Round finite values (..., P) within limits to allowed values; itself where all are allowed.
-
-    A strength is rounded towards neutral, a frequency down, or to the lowest allowed frequency.
-    With P = 1 ``values`` are strengths alone.
-    """
+    """Round finite values (..., P) within limits to allowed values; itself where all are allowed. A
+    strength is rounded towards neutral, a frequency down, or to the lowest allowed frequency. With
+    P = 1 ``values`` are strengths alone."""
     if not kind.is_stepped:
         return values
     values = values.copy()
@@ -56,11 +52,9 @@ def rounded(values: F64, kind: ActuatorType) -> F64:
 
 
 class DeviceLimits:
-    """Ranges of all A actuators of a device, with up to P controls each.
-
-    An actuator with fewer controls repeats its strength. Neutral values are the attributes
-    ``neutral`` (columns,) and, by actuator with the strength first, ``silent`` (A, P).
-    """
+    """Ranges of all A actuators of a device, with up to P controls each. An actuator with fewer
+    controls repeats its strength. Neutral values are the attributes ``neutral`` (columns,) and, by
+    actuator with the strength first, ``silent`` (A, P)."""
 
     def __init__(self, device: DeviceConfig) -> None:
         kinds = [actuator.type for actuator in device.actuators]
@@ -99,12 +93,9 @@ class DeviceLimits:
 
 
 def advanced(values: F64, neutral: F64, latency_rows: int) -> F64:
-    """Rows (T, P) of one actuator, ``latency_rows`` earlier, ``neutral`` last.
-
-    Values of the first ``latency_rows`` would have to be sent before. Such values stay at their own
-    rows, if these are otherwise neutral, and are felt late. Returns ``values`` itself without a
-    latency.
-    """
+    """Rows (T, P) of one actuator, ``latency_rows`` earlier, ``neutral`` last. Values of the first
+    ``latency_rows`` would have to be sent before. Such values stay at their own rows, if these are
+    otherwise neutral, and are felt late. Returns ``values`` itself without a latency."""
     rows = min(latency_rows, len(values))
     if not rows:
         return values

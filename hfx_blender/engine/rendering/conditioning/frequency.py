@@ -25,16 +25,13 @@ TONE_PAIR_HZ: Final = {"40 Hz": 40.0, "320 Hz": 320.0}
 """Tones of a pair, by the name of their partial: one for slow, one for fast receptors of the skin
 (Allerkamp, Böttcher, Wolter, Brady, Qu and Summers, The Visual Computer 2007)."""
 
-_SAME_HZ: Final = 1.0
-"""Largest difference of equal frequencies, as in ``mixing.combine_vibration``."""
+_SAME_HZ: Final = 1.0  # largest difference of equal frequencies, as in ``mixing.combine_vibration``
 
 
 def tone_pair_shares(frequencies_hz: F64) -> F64:
-    """Shares (2, R) of amplitude of the tones of a pair, for vibrations of frequencies (R,), Hz.
-
-    40 Hz alone up to 40 Hz, 320 Hz alone from 320 Hz; between them of constant power, by the
-    logarithm of the frequency.
-    """
+    """Shares (2, R) of amplitude of the tones of a pair, for vibrations of frequencies (R,), Hz. 40
+    Hz alone up to 40 Hz, 320 Hz alone from 320 Hz; between them of constant power, by the logarithm
+    of the frequency."""
     low_hz, high_hz = TONE_PAIR_HZ.values()
     octaves = np.log2(np.maximum(frequencies_hz, low_hz) / low_hz)
     turn = 0.5 * np.pi * np.minimum(octaves / np.log2(high_hz / low_hz), 1.0)
@@ -72,10 +69,8 @@ class StrongestContributor:
 
     def _chosen_of(self, numbers: I64, amplitudes: F64, hz: F64) -> F64:
         """Frequencies (R, A) of the held contributors, from amplitudes (n, R, A) and ``hz`` (n, R).
-
         The contributor with the largest summed amplitude within 1 Hz takes over beyond ``MARGIN``
-        times that of the held one, or in its silence. 0 in silence.
-        """
+        times that of the held one, or in its silence. 0 in silence."""
         count, rows, width = amplitudes.shape
         is_same = (np.abs(hz[:, None] - hz[None]) <= _SAME_HZ).astype(np.float64)
         together = np.einsum("ijr,jra->ira", is_same, amplitudes)
@@ -174,10 +169,8 @@ class Partials:
 
     def _one(self, name: str, row_count: int, latency_rows: Sequence[int]) -> Partial:
         """Unlimited partial of effect ``name``, each actuator's column advanced by its latency.
-
         Covers first to last row, 0 in gaps. A row with a non-finite amplitude or frequency, or a
-        frequency up to 0, is silent at all actuators; a negative amplitude is 0.
-        """
+        frequency up to 0, is silent at all actuators; a negative amplitude is 0."""
         parts = self._parts[name]
         rows = np.concatenate([part[0] for part in parts])
         values = np.concatenate([part[1] for part in parts]).astype(np.float64)

@@ -14,15 +14,12 @@ import numpy as np
 from ...arrays import F64
 from ..device_config import Scheme
 
-_EARLY_S: Final = 1e-6
-"""Tolerance of onsets, s: sample times are rounded."""
+_EARLY_S: Final = 1e-6  # tolerance of onsets, s: sample times are rounded
 
 
 def brush_interval_ms(duration_ms: float) -> float:
-    """Onset asynchrony of continuous motion for vibrations of a duration, both ms.
-
-    Israr and Poupyrev, "Tactile Brush", CHI 2011: 0.32 times the duration, plus 47.3 ms.
-    """
+    """Onset asynchrony of continuous motion for vibrations of a duration, both ms. Israr and
+    Poupyrev, "Tactile Brush", CHI 2011: 0.32 times the duration, plus 47.3 ms."""
     return 0.32 * duration_ms + 47.3
 
 

@@ -104,11 +104,9 @@ class ActuatorComplex:
 
 
 def merged_places(positions: F64) -> tuple[F64, I64]:
-    """Merge equal positions (A, D): places (P, D), and the place of each actuator, (A,).
-
-    Equal: in one cell of a grid of 1e-9 of the extent. Places are in the order of their first
-    actuator. Raises ValueError for no or non-finite positions.
-    """
+    """Merge equal positions (A, D): places (P, D), and the place of each actuator, (A,). Equal: in
+    one cell of a grid of 1e-9 of the extent. Places are in the order of their first actuator.
+    Raises ValueError for no or non-finite positions."""
     positions = np.asarray(positions, np.float64)
     if positions.ndim != 2 or not len(positions) or not np.isfinite(positions).all():
         raise ValueError(f"expected finite positions (A, D), A > 0, got {positions.shape}")

@@ -18,8 +18,7 @@ from .positional import simplices_of
 
 _ROUNDING: Final = 1e-9
 
-_PAIRS_AT_ONCE: Final = 1 << 17
-"""Pairs of a direction and a base that are solved at a time."""
+_PAIRS_AT_ONCE: Final = 1 << 17  # pairs of a direction and a base that are solved at a time
 
 
 class VectorBasePanning:
@@ -164,10 +163,8 @@ def _on_rim(units: F64, sources: F64, rim: I64) -> F64:
 
 class LinePanning:
     """Panning along a strip: the two neighbours of a place share its power; ends play beyond.
-
     ``positions`` (A,) are along the strip, m. With a ``period`` the strip is closed: the last
-    position is next to the first, and positions and places are within 0 and the period.
-    """
+    position is next to the first, and positions and places are within 0 and the period."""
 
     def __init__(self, positions: F64, period: float | None = None) -> None:
         places, place_of = merged_places(positions[:, None])
@@ -178,10 +175,8 @@ class LinePanning:
 
     def gains(self, points: F64) -> F64:
         """Gains (n, A), squares summing to 1, for places (n, 1) along the line, m; 0 if not finite.
-
         Actuators at one place divide its power. g1 = sqrt(1 - d / D), g2 = sqrt(d / D) at distance
-        d from the first of two neighbours that are D apart (Politis, Pugliese, Takala).
-        """
+        d from the first of two neighbours that are D apart (Politis, Pugliese, Takala)."""
         values, count = points[:, 0], len(self._places)
         shares = np.zeros((len(values), count))
         rows = np.flatnonzero(np.isfinite(values))
@@ -207,10 +202,8 @@ class LinePanning:
 
 
 class RingPanning(LinePanning):
-    """Panning around a belt by ``angles`` (A,) of the actuators seen from the centre, radians.
-
-    The two neighbours of a direction share its power; a single actuator plays all directions.
-    """
+    """Panning around a belt by ``angles`` (A,) of the actuators seen from the centre, radians. The
+    two neighbours of a direction share its power; a single actuator plays all directions."""
 
     def __init__(self, angles: F64) -> None:
         super().__init__(_turns(angles), period=1.0)

@@ -15,9 +15,7 @@ from ...arrays import F64, I64
 from ..device_config import Law
 from .complex import ActuatorComplex, gain, merged_places
 
-_FLATTEST: Final = 1e-6
-"""Largest width over length of a layout that counts as a line."""
-
+_FLATTEST: Final = 1e-6  # largest width over length of a layout that counts as a line
 _JITTER: Final = 1e-6
 """Displacement of places for the triangulation of a closed layout, share of its extent."""
 
@@ -25,8 +23,7 @@ _ROWS_AT_ONCE: Final = 1 << 12
 
 _TURNS: Final = (0, -1, 1)
 
-_SPREAD: Final = 4.0
-"""Cut-off of a Gaussian in standard deviations (3e-4 of its peak)."""
+_SPREAD: Final = 4.0  # cut-off of a Gaussian in standard deviations (3e-4 of its peak)
 
 
 class PlanarPanning:
@@ -100,16 +97,13 @@ def simplices_of(places: F64) -> I64:
         return np.column_stack((order[:-1], order[1:], order[1:])).astype(np.int64)
     from scipy.spatial import Delaunay
 
-    triangles: I64 = Delaunay(centred / extents[0]).simplices.astype(np.int64)
-    return triangles
+    return np.asarray(Delaunay(centred / extents[0]).simplices.astype(np.int64))
 
 
 class NearestPanning:
     """Panning to the nearest actuator alone: the first of equally near ``positions`` (A, D), m.
-
     Schneider et al., UIST 2015, for dense grids. Output jumps half way between two actuators, so
-    glides need another scheme.
-    """
+    glides need another scheme."""
 
     def __init__(self, positions: F64) -> None:
         self._positions = np.asarray(positions, np.float64)

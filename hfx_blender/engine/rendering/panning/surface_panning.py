@@ -26,14 +26,11 @@ from .complex import ActuatorComplex, gain, merged_places
 MAX_SPAN_M: Final = 0.2
 """Largest distance of two neighbours along the skin, metres."""
 
-_SURELY_NEAR_M: Final = 0.1
-"""Distance in space, metres, up to which skin is not measured."""
-
+_SURELY_NEAR_M: Final = 0.1  # distance in space, metres, up to which skin is not measured
 _ELLIPSOID_MARGIN_M: Final = 0.01
 
 _MEASURED_ONE_BY_ONE: Final = 64
-_SOURCES_AT_ONCE: Final = 64
-"""Sources of one shortest-path search: 20 MiB on the finest body model."""
+_SOURCES_AT_ONCE: Final = 64  # sources of one shortest-path search: 20 MiB on the finest body model
 _ROWS_AT_ONCE: Final = 1 << 12
 
 AreJoined = Callable[[I64, I64], Bool]
@@ -51,8 +48,7 @@ _ROUND_ABOUT: Final = 1.7
 
 _HOLLOW: Final = 0.1  # largest height of a path above skin, share of its length
 
-_BLEND: Final = 0.2
-"""Relative distance up to which further triangles take part in a place."""
+_BLEND: Final = 0.2  # relative distance up to which further triangles take part in a place
 
 
 class SurfaceNeighbours:
@@ -188,10 +184,8 @@ def _through_the_air(model: PerceptualModel, places: F64, pairs: I64) -> npt.NDA
 
 def _dual(cells: I64, pairs: I64, count: int) -> I64:
     """Simplices (S, 3) of meeting cells: triangles, then edges and points outside all triangles.
-
     ``cells`` (n, 3) meet, ascending in each row; ``pairs`` (k, 2) are joined, the smaller first;
-    ``count`` is the number of cells. A triangle needs three joined pairs.
-    """
+    ``count`` is the number of cells. A triangle needs three joined pairs."""
     i, j, k = cells.T
     # A pair as one number, so that membership is a search in a sorted array.
     joined = pairs @ [count, 1]
@@ -216,9 +210,8 @@ def limbs_of(model: PerceptualModel) -> I64:
 
 class SkinNeighbours:
     """Pairs of A actuators that may render a place together; measured on demand and cached.
-
-    ``centres`` (A, 3) are in rest space, m; ``anchors`` (A,) are the vertices under the actuators.
-    """
+    ``centres`` (A, 3) are in rest space, m; ``anchors`` (A,) are the vertices under the
+    actuators."""
 
     def __init__(self, model: PerceptualModel, centres: F64, anchors: I64) -> None:
         self._model = model

@@ -33,11 +33,8 @@ LARGEST: Final = 2048
 
 @dataclass(frozen=True, eq=False)
 class EstimatedRelief:
-    """Relief of a picture.
-
-    ``field`` has the mean slope of ``slope`` (H, W), which is in metres per metre after a blur of a
-    texel; ``roughness`` (H, W) is 0 glossy to 1 dull.
-    """
+    """Relief of a picture. ``field`` has the mean slope of ``slope`` (H, W), which is in metres per
+    metre after a blur of a texel; ``roughness`` (H, W) is 0 glossy to 1 dull."""
 
     field: HeightField
     slope: F32

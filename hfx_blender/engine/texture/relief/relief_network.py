@@ -34,11 +34,9 @@ Weights = dict[str, F32]
 
 
 class Estimate(NamedTuple):
-    """Estimate of relief, (H, W) each, bottom row first.
-
-    Heights are in texels. Slope, metres per metre, is the Sobel magnitude of the true heights after
-    a blur of one texel. Roughness is 0 glossy to 1 dull.
-    """
+    """Estimate of relief, (H, W) each, bottom row first. Heights are in texels. Slope, metres per
+    metre, is the Sobel magnitude of the true heights after a blur of one texel. Roughness is 0
+    glossy to 1 dull."""
 
     heights: F32
     slope: F32
@@ -47,9 +45,8 @@ class Estimate(NamedTuple):
 
 def prepared(srgb: npt.ArrayLike) -> F32:
     """Inputs (3, H, W) of colours (H, W, 3), sRGB 0..1: log luminance and two log colour ratios.
-
-    Logarithms turn factors of light (colour, shadow) into sums; the mean luminance is subtracted.
-    """
+    Logarithms turn factors of light (colour, shadow) into sums; the mean luminance is
+    subtracted."""
     light = srgb_to_linear(srgb)
     grey = np.log(luminance(light) + _DARK)
     red, blue = (np.log(light[..., k] + _DARK) - grey for k in (0, 2))
@@ -163,11 +160,9 @@ def _shuffled(x: F32) -> F32:
 
 
 def convolved(x: F32, kernel: F32, bias: F32, tiles: bool) -> F32:
-    """Convolution (O, H, W) of (C, H, W) with a kernel (O, C, 3, 3), by matrix products.
-
-    The three column shifts are stacked, so that row shifts are slices of the same array. Edges wrap
-    for ``tiles``, else continue.
-    """
+    """Convolution (O, H, W) of (C, H, W) with a kernel (O, C, 3, 3), by matrix products. The three
+    column shifts are stacked, so that row shifts are slices of the same array. Edges wrap for
+    ``tiles``, else continue."""
     channels, rows, columns = x.shape
     outputs = len(kernel)
     padded = np.pad(x, ((0, 0), (1, 1), (1, 1)), "wrap" if tiles else "edge")
