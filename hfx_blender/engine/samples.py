@@ -73,6 +73,7 @@ class Sample:
     positions: F32 | None = None  # (n, 3) world space, metres
     velocities: F32 | None = None  # (n, 3) world space, m/s
     depth_m: F32 | None = None  # (n,) distance to the volume's boundary
+    forces_n: F32 | None = None  # (n, 3) on the skin, world space, newtons
     surface: F32 | None = None  # (n, 3) nearest boundary point, world space, metres
     surface_normals: F32 | None = None  # (n, 3) outward normals at the boundary points
     impact: Impact | None = None
@@ -103,6 +104,7 @@ class SampleRun:
     positions: F32 | None = None  # (total, 3); only without shared sets
     velocities: F32 | None = None  # (total, 3)
     depth_m: F32 | None = None  # (total,)
+    forces_n: F32 | None = None  # (total, 3) only of volumes with a contact law
     surface: F32 | None = None  # (total, 3)
     surface_normals: F32 | None = None  # (total, 3)
     impact: Impact | None = None  # (total,)
@@ -170,7 +172,8 @@ ROWS: Final = ("indices", "times_s", "levels", "parameters", "focus")
 """Columns of a run with one row per sample."""
 
 ENTRIES: Final = (
-    *("vertices", "weights", "positions", "velocities", "depth_m", "surface", "surface_normals"),
+    *("vertices", "weights", "positions", "velocities", "depth_m", "forces_n"),
+    *("surface", "surface_normals"),
 )
 """Columns of a run with one entry per vertex of each set."""
 

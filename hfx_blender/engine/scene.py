@@ -146,12 +146,25 @@ class PaintedArea:
     weights: F32  # (n,) in (0, 1]
 
 
+@dataclass(frozen=True)
+class ContactLaw:
+    """Material of a volume that pushes skin out: a spring and a damper side by side, and friction.
+
+    Formulas are in :mod:`.contact.contact_force`.
+    """
+
+    stiffness_n_m: float
+    damping_n_s_m: float
+    friction: float  # Coulomb coefficient
+
+
 @dataclass(frozen=True, eq=False)
 class HapticVolume:
     """Area of an allocentric effect: a shape, placed by the blocks."""
 
     falloff: Falloff
     response: tuple[Filter, ...] = ()  # contact response filters
+    law: ContactLaw | None = None  # None: samples without forces
 
     @property
     def has_impacts(self) -> bool:

@@ -112,7 +112,8 @@ def _header(header: TrackHeader) -> dict[str, Any]:
 
 def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
     """JSON of sample ``k`` of a run, with the number of its set: time rounded to 1 ns, values to
-    1e-6. With the place of a spot, m, or the values of actuators, to 1e-4, if the run has these."""
+    1e-6. With the place of a spot, m, the values of actuators, to 1e-4, or the forces on vertices,
+    to 0.1 mN, if the run has these."""
     extras: dict[str, Any] = {}
     if run.focus is not None:
         *centre, radius = (round(number, 6) for number in run.focus[k].astype(float).tolist())
@@ -120,6 +121,9 @@ def _sample(run: SampleRun, k: int, set_number: int) -> dict[str, Any]:
     if run.drive is not None:
         values = run.drive.values[k].astype(float).tolist()
         extras["actuators"] = [round(number, 4) for number in values]
+    if run.forces_n is not None:  # such a run has a set for each sample
+        part = slice(int(run.offsets[k]), int(run.offsets[k + 1]))
+        extras["forces_n"] = run.forces_n[part].astype(float).round(4).tolist()
     names = MODALITIES[run.stream.modality].parameter_names
     values = run.parameters[k].tolist()
     return {

@@ -117,6 +117,12 @@ def _parameter(modality: str, name: str, label: str, tip: str, **options: object
     )
 
 
+def _force(label: str, tip: str, default: float, most: float) -> object:
+    """Overridable coefficient of a contact law; not animatable, as a law is read once."""
+    limits = {"default": default, "min": 0.0, "soft_max": most, "max": 100.0 * most}
+    return _overridable(FloatProperty, label, tip, options=set(), **limits)
+
+
 def _share(label: str, tip: str, default: float) -> object:
     """Overridable float property with a slider from 0 to 1; ``tip`` is the tooltip."""
     return _overridable(
@@ -323,6 +329,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     falloff_share: _share(
         "Falloff Share", "Depth of the rise, as a share of the way from boundary to core", 1.0
     )
+
+    stiffness: _force(
+        "Stiffness (N/m)", "Force for each metre of depth in the volume. 0: no force", 0.0, 1e4
+    )
+    damping: _force("Damping (N s/m)", "Force for each m/s of speed into the volume", 0.0, 100.0)
+    friction: _force("Friction", "Force along the boundary, as a share of the normal force", 0.3, 2)
 
     surface: PointerProperty(
         name="Surface",

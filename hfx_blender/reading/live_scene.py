@@ -43,7 +43,7 @@ FEWEST = 64
 # Properties of bodies and effects that a description holds; animated ones are read at each moment.
 _CONSTANT_PROPERTIES = attrgetter(
     *"role modality kind shape falloff falloff_share temperature_reference model_hash".split(),
-    *"body_name follow is_muted is_group_muted is_solo".split(),
+    *"body_name follow is_muted is_group_muted is_solo stiffness damping friction".split(),
 )
 
 
@@ -126,9 +126,9 @@ class LiveScene:
         self._index = 0  # advances where strokes over surfaces need history
         own = self.description.effects[: len(self.objects.effects)]
         self._volumes = [k for k, e in enumerate(own) if e.kind == "volume"]
-        self._answers = any(
-            isinstance(e.area, HapticVolume) and e.area.response for e in self.description.effects
-        )
+        areas = [e.area for e in self.description.effects if isinstance(e.area, HapticVolume)]
+        self._answers = any(area.response for area in areas)
+        self._has_memory = self._answers or any(area.law for area in areas)
         self.clock = LiveClock(scene)
         self._before: tuple[list[EffectRow], dict[int, PoseRow | None]] | None = None
 
@@ -153,8 +153,8 @@ class LiveScene:
         is_volume_on = any(effects[k].level > 0.0 for k in self._volumes)
         if self.record or is_volume_on or any(row_of.level > 0.0 for row_of in instance_rows):
             self._reading.add_poses(row, self._now, range(len(self.objects.bodies)))
-        # Strokes and responses need rising times; else each moment stands alone.
-        self._index += self._has_surfaces or self._answers
+        # Strokes, responses and contact laws need rising times; else each moment stands alone.
+        self._index += self._has_surfaces or self._has_memory
         block = self._block(effects + instance_rows, row.poses, stays)
         runs = self.engine.evaluate(block)
         # All runs get index 0, because the display shows one moment.
@@ -176,13 +176,13 @@ class LiveScene:
     def _block(
         self, effects: list[EffectRow], poses: dict[int, PoseRow | None], stays: list[bool]
     ) -> AnimationBlock:
-        """Block of the present rows, after the last call's rows if a response needs history and the
-        clock relates both. Advances the clock; an unrelated moment clears the impacts of all
-        responses. ``stays`` has one entry per instance slot, the last effects: False makes the
-        slot's last row an effect that is off."""
+        """Block of the present rows, after the last call's rows if a response or a contact law
+        needs history and the clock relates both. Advances the clock; an unrelated moment clears the
+        impacts of all responses. ``stays`` has one entry per instance slot, the last effects: False
+        makes the slot's last row an effect that is off."""
         rows, posed = [[effect] for effect in effects], [poses]
         now_s, step_s = self.clock.tick()
-        has_history = self._answers and step_s is not None and self._before is not None
+        has_history = self._has_memory and step_s is not None and self._before is not None
         if not has_history and step_s is None:
             self.engine.responses.settling.memories.clear()
         # The rows before give the engine motion: responses react to speed and to the begin of a
@@ -194,8 +194,9 @@ class LiveScene:
                 is_same = k < own or stays[k - own]
                 row.insert(0, before[k] if is_same else EffectRow())
             posed.insert(0, before_poses)
-        self._before = (effects, poses) if self._answers else None
+        self._before = (effects, poses) if self._has_memory else None
         count = len(posed)
+        real_s = np.array([now_s - (step_s or 0.0), now_s])[-count:]
         return AnimationBlock(
             indices=np.arange(self._index - count + 1, self._index + 1),
             effects=tuple(
@@ -206,7 +207,7 @@ class LiveScene:
                 pose_block([pose.get(k) for pose in posed]) for k in range(len(self.objects.bodies))
             ),
             history=count - 1,
-            live_s=np.array([now_s - (step_s or 0.0), now_s])[-count:] if self._answers else None,
+            live_s=real_s if self._has_memory else None,
         )
 
 

@@ -89,6 +89,7 @@ _LINES: Final[dict[str, Shape]] = {
         {
             "spot": Record({"centre_m": Items(Number(), least=3, most=3), "radius_m": Number(0.0)}),
             "actuators": Items(_SHARE),
+            "forces_n": Items(Items(Number(), least=3, most=3)),
         },
     ),
 }
@@ -162,6 +163,7 @@ class _Rules:
     def __init__(self, report: Report) -> None:
         self._report = report
         self._sets: dict[int, int] = {}  # highest vertex by set
+        self._sizes: dict[int, int] = {}  # vertex count by set
         self._models: dict[str, int] = {}  # vertex count by model
         self._effects: dict[str, dict[str, Any]] = {}
         self._bodies: set[str] = set()
@@ -193,6 +195,7 @@ class _Rules:
                 self._report.error("SET-DUPLICATE", place, f"the set {number} is there before")
             # Samples compare the largest with the vertex count of the model.
             self._sets[number] = max(vertices, default=-1)
+            self._sizes[number] = len(vertices)
         else:
             self._check_sample(value, place)
         return True
@@ -213,5 +216,7 @@ class _Rules:
         highest = self._sets.get(value["set"])
         if highest is None:
             self._report.error("SAMPLE-SET", place, f"there is no set {value['set']} before it")
+        elif len(value.get("forces_n", ())) not in (0, self._sizes[value["set"]]):
+            self._report.error("SAMPLE-FORCES", place, "expected a force for each vertex")
         elif highest >= self._models.get(effect["model"], 0):
             self._report.error("SET-VERTEX", place, "the set has vertices beyond the model")

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import io
+import json
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
+    ContactLaw,
     EffectBlock,
     EffectDescription,
     HapticVolume,
@@ -25,6 +28,9 @@ from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff
 from hfx_blender.formats.glb import glb, glb_scene
+from hfx_blender.formats.pictures import png
+
+SCHEMA = Path(__file__).resolve().parents[2] / "docs/formats/scene-volume.schema.json"
 
 TETRAHEDRON = MeshVolume(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
@@ -47,9 +53,9 @@ def placed(rotation=None, scale=(1, 1, 1), at=(0, 0, 0)):
     return matrix
 
 
-def recorded(shape, matrices, levels=None):
+def recorded(shape, matrices, levels=None, law=None):
     effect = EffectDescription(
-        "e", "Wall é", "vibration", "hfx-vibration-1", HapticVolume(Falloff())
+        "e", "Wall é", "vibration", "hfx-vibration-1", HapticVolume(Falloff(), law=law)
     )
     time = TimeBase(Fraction(24), Fraction(24), 1, 1, COUNT)
     recorder = glb_scene.VolumeRecorder(SceneDescription(time, (), (effect,)))
@@ -187,3 +193,39 @@ def test_a_body_that_follows_its_mesh_and_was_never_read_stands_at_rest(tmp_path
     actual, _, result = written(recorder, tmp_path)
     assert [node["name"] for node in actual["nodes"]] == ["Anna", f"Anna: {model.id}"]
     assert "skins" not in actual and not result.notes
+
+
+def test_a_mesh_with_a_contact_law_has_a_haptic_material(tmp_path):
+    """Members that the schemas of MPEG_haptic_material (Khronos pull request 2502) require."""
+    law = ContactLaw(800.0, 5.0, 0.25)
+    plain, _, _ = written(recorded(TETRAHEDRON, STILL), tmp_path)
+    assert "MPEG_haptic_material" not in plain["extensions"] and "images" not in plain
+    actual, data, _ = written(recorded(TETRAHEDRON, STILL, law=law), tmp_path)
+    assert "MPEG_haptic_material" in actual["extensionsUsed"]
+    (material,) = actual["extensions"]["MPEG_haptic_material"]["materials"]
+    for kind, full_scale in (("stiffness", 800.0), ("friction", 0.25)):
+        (texture,) = material[kind]
+        assert texture["type"] in ("High_Resolution", "Low_Resolution", "Reference", "Other")
+        assert texture["extras"]["full_scale"] == full_scale
+        image = actual["images"][actual["textures"][texture["texture"]["index"]]["source"]]
+        view = actual["bufferViews"][image["bufferView"]]
+        start = data.index(b"BIN\0") + 4 + view["byteOffset"]
+        picture, _ = png.decode(data[start : start + view["byteLength"]], "x")
+        assert picture.tolist() == [[255]] and image["mimeType"] == "image/png"
+    index = next(n["mesh"] for n in actual["nodes"] if "hfx_effect" in n.get("extras", {}))
+    mesh = actual["meshes"][index]
+    assert mesh["extensions"] == {"MPEG_haptic_material": {"hapticMaterialIndex": 0}}
+    assert "TEXCOORD_0" in mesh["primitives"][0]["attributes"]
+    # Other shapes have no mesh: their law is in the extras.
+    ball, _, _ = written(recorded(Sphere(), STILL, law=law), tmp_path)
+    assert "MPEG_haptic_material" not in ball["extensions"]
+    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    for document in (actual, ball):
+        (extras,) = [n["extras"] for n in document["nodes"] if "hfx_effect" in n.get("extras", {})]
+        assert extras["contact_law"] == {
+            "stiffness_n_m": 800.0,
+            "damping_n_s_m": 5.0,
+            "friction": 0.25,
+        }
+        jsonschema = pytest.importorskip("jsonschema")
+        jsonschema.Draft7Validator(schema).validate(extras)

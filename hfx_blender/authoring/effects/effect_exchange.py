@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from math import degrees, radians
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from .effect_file import (
     VolumeRecipe,
     load,
 )
+from .effect_values import LAW, contact_law
 
 OWN = "own/"
 """Prefix of the names of the user's sensations."""
@@ -186,6 +187,8 @@ def _apply_volume(
     effect.hfx.size = [edge / unit_m for edge in volume.size_m]
     effect.hfx.falloff = volume.falloff
     effect.hfx.falloff_share = volume.falloff_share
+    for name, value in zip(LAW, astuple(volume.law) if volume.law else (), strict=False):
+        setattr(effect.hfx, name, value)
     effect.location = [o + x / unit_m for o, x in zip(origin, volume.location_m, strict=True)]
     effect.rotation_euler = [radians(angle) for angle in volume.rotation_deg]
     fps = animation_fps(scene)
@@ -328,6 +331,7 @@ def _volume_recipe(
         size_m=tuple(e * unit_m * abs(s) for e, s in zip(hfx.size, scale, strict=True)),
         falloff=hfx.falloff,
         falloff_share=hfx.falloff_share,
+        law=contact_law(hfx),
         location_m=tuple(unit_m * x for x in location),
         rotation_deg=tuple(degrees(angle) for angle in rotation.to_euler()),
         path=path,  # type: ignore[arg-type]

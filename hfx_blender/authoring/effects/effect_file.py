@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from ...engine.body.parts import PARTS
 from ...engine.modality import MODALITIES, Modality
+from ...engine.scene import ContactLaw
 from ...files import kinds
 from ...files.atomic import atomic_file
 from ...files.json_shapes import (
@@ -108,6 +109,7 @@ class VolumeRecipe:
     size_m: Number3 = (1.0, 1.0, 1.0)
     falloff: str = "none"
     falloff_share: float = 1.0
+    law: ContactLaw | None = None  # None: no force
     location_m: Number3 = (0.0, 0.0, 0.0)
     rotation_deg: Number3 = (0.0, 0.0, 0.0)
     path: tuple[tuple[float, Number3], ...] = ()  # (seconds, position)
@@ -182,6 +184,14 @@ _DIMENSIONS: Final = {
     "size_m": numbers(3, -1000.0, 1000.0, "m"),
 }
 _LOCATION: Final = numbers(3, -1000.0, 1000.0, "m")
+_LAW: Final = strict(
+    {
+        "stiffness_n_m": Number(0.0, 1e6, "N/m"),
+        "damping_n_s_m": Number(0.0, 1e4, "N s/m"),
+        "friction": Number(0.0, 200.0),
+    },
+    into=ContactLaw,
+)
 # A member of another shape, such as the height of a sphere, is refused: it would have no effect.
 _VOLUME: Final = tagged(
     "shape",
@@ -202,6 +212,7 @@ _VOLUME: Final = tagged(
                     100_000,
                 ),
                 "swarm": SWARM,
+                "law": _LAW,
             },
             into=VolumeRecipe,
         )
@@ -350,8 +361,8 @@ def save(sensation: Sensation, path: Path) -> None:
 
 
 def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
-    """JSON object of an effect. Members of a volume that its shape does not have, and empty
-    responses, swarms, paths and curves of clips, are left out."""
+    """JSON object of an effect. Members of a volume that its shape does not have, contact laws
+    without stiffness, and empty responses, swarms, paths and curves of clips, are left out."""
     where = effect.where
     document: dict[str, Any] = {
         "name": effect.name,
@@ -388,6 +399,8 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
             "shape": where.shape,
             **{key: getattr(where, key) for key in (*_SHAPES[where.shape], *_VOLUME_MEMBERS)},
         }
+        if where.law is not None:
+            document["volume"]["law"] = asdict(where.law)
         if where.response:
             document["volume"]["response"] = response_document(where.response)
         if where.swarm is not None:

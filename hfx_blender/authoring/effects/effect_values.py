@@ -14,6 +14,7 @@ from ...blender.stored_values import limited
 from ...engine.arrays import F64
 from ...engine.counters import ReadingCounters
 from ...engine.modality import MODALITIES
+from ...engine.scene import ContactLaw
 from ...engine.volume.mesh import MeshVolume
 from ...engine.volume.shape import Falloff, FalloffKind, Shape
 from ...errors import InputError
@@ -21,6 +22,10 @@ from .. import volumes
 
 TRANSFORM: Final = ("location", "rotation_euler", "scale")
 """Properties (3) of an object that place a volume."""
+
+
+LAW: Final = ("stiffness", "damping", "friction")
+"""Properties of an effect with its contact law, in the order of the fields of ContactLaw."""
 
 
 def properties_of(modality: str) -> tuple[str, ...]:
@@ -43,6 +48,12 @@ def parameters(hfx: bpy.types.PropertyGroup, world: F64) -> list[float]:
 def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
     """Kind of falloff, and share clipped to the limits of the property."""
     return Falloff(FalloffKind(hfx.falloff), limited(hfx, "falloff_share"))
+
+
+def contact_law(hfx: bpy.types.PropertyGroup) -> ContactLaw | None:
+    """Contact law of a volume, clipped to the limits of the properties; None without stiffness."""
+    law = ContactLaw(*(limited(hfx, name) for name in LAW))
+    return law if law.stiffness_n_m > 0.0 else None
 
 
 def directions(world: F64) -> F64:

@@ -39,6 +39,7 @@ class Effect:
     positions: npt.NDArray[np.float32] | None = None  # (n, 3) world space, metres
     velocities: npt.NDArray[np.float32] | None = None  # (n, 3) m/s
     depth_m: npt.NDArray[np.float32] | None = None  # (n,) distances to the volume's boundary
+    forces_n: npt.NDArray[np.float32] | None = None  # (n, 3) on the skin, world space, newtons
     label: str = ""  # name in Blender, chosen by the artist; several effects may have one
 
 
@@ -81,7 +82,7 @@ class Haptics:
         )
 
 
-ARRAYS: Final = ("positions", "velocities", "depth_m")
+ARRAYS: Final = ("positions", "velocities", "depth_m", "forces_n")
 """Optional arrays of an effect, fields of :class:`Effect` and of ``SampleRun``."""
 
 

@@ -13,10 +13,11 @@ from ..active_rows import ActiveEffect, followed, with_pose
 from ..arrays import I64, Bool
 from ..contact import contacts
 from ..contact.broad_phase import BlockBroadPhase
+from ..contact.contact_force import contact_forces
 from ..contact.contact_query import ContactQuery, Contacts
 from ..contact.reachable_bounds import ReachableBounds
 from ..counters import Counters
-from ..response.answering import Answering, depths_of, with_own_sets
+from ..response.answering import Answering, at_vertices_of, with_own_sets
 from ..response.touches import Moments
 from ..samples import SampleRun, Stream
 from ..scene import (
@@ -88,8 +89,8 @@ class AllocentricAreas:
             rows,
             follows,
             reported,
-            own_sets=bool(self._builder.record),
-            with_details=bool(self._builder.record & {"depth", "surface"}),
+            own_sets=bool(self._builder.record or volume.law),
+            with_details=bool(self._builder.record & {"depth", "surface"} or volume.law),
             with_impact="impact" in self._builder.record,
             threads=self._threads,
             title=f"effect '{effect.name}'",
@@ -107,7 +108,14 @@ class AllocentricAreas:
                 counters.reach(body.id)
                 if any(isinstance(shape, MeshVolume) for shape in animated.shapes):
                     counters.meshes_searched += int(np.count_nonzero(reported))
-            return self._samples_of(replace(active, animated=animated, rows=hits.rows), body, hits)
+            run = self._samples_of(replace(active, animated=animated, rows=hits.rows), body, hits)
+            if run is None or volume.law is None:
+                return run
+            times = self._builder.scene.time.times_s(block.indices)
+            steps = np.diff(times if block.live_s is None else block.live_s, prepend=np.nan)
+            steps[np.setdiff1d(np.arange(len(steps)), rows[follows])] = 0.0
+            forces = contact_forces(volume.law, animated, hits, skin, pose, steps)
+            return replace(run, forces_n=forces, sets=None)
 
         return finish
 
@@ -227,7 +235,8 @@ class AllocentricAreas:
             *(effect, body, animated, block, rows, posed, skin, pose, bounds, run, between),
             is_clear=run is None and reach.is_clear(animated, body, effect.model_id, is_bent=True),
         )
-        if answer is None or not self._builder.record:
+        has_law = effect.area.law is not None
+        if answer is None or not (self._builder.record or has_law):
             return answer
         # Recorded fields are per vertex and row, so rows cannot share vertex sets.
         answer = with_own_sets(answer)
@@ -235,7 +244,10 @@ class AllocentricAreas:
         motion = self._builder.motion(active, body.id, answer.vertices, answer.offsets)
         answer = replace(answer, **motion)
         if "depth" in self._builder.record:
-            answer = replace(answer, depth_m=depths_of(answer, run))
+            answer = replace(answer, depth_m=at_vertices_of(answer, run, "depth_m"))
+        if has_law:
+            forces = at_vertices_of(answer, run, "forces_n", 3)
+            answer = replace(answer, forces_n=forces)
         return answer
 
 

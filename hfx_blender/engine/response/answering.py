@@ -183,13 +183,15 @@ def with_own_sets(run: SampleRun) -> SampleRun:
     )
 
 
-def depths_of(samples: SampleRun, contacts: SampleRun | None) -> npt.NDArray[np.float32]:
-    """Depths (total,) in metres at the vertices of ``samples``, which have separate sets, from
-    ``contacts`` with depths of before the response; 0 without contact there, or if ``contacts`` is
-    None."""
-    depths = np.zeros(len(samples.vertices), np.float32)
-    if contacts is None or contacts.depth_m is None:
-        return depths
+def at_vertices_of(
+    samples: SampleRun, contacts: SampleRun | None, name: str, *width: int
+) -> npt.NDArray[np.float32]:
+    """Column ``name`` (total, *width) of ``contacts``, of before the response, at the vertices of
+    ``samples``, which have separate sets; 0 without contact there, or if ``contacts`` is None."""
+    values = np.zeros((len(samples.vertices), *width), np.float32)
+    column = None if contacts is None else getattr(contacts, name)
+    if contacts is None or column is None:
+        return values
     places = {int(index): k for k, index in enumerate(contacts.indices)}
     for j, index in enumerate(samples.indices.tolist()):
         if index not in places:
@@ -203,5 +205,5 @@ def depths_of(samples: SampleRun, contacts: SampleRun | None) -> npt.NDArray[np.
         # match.
         at = np.minimum(at, len(vertices) - 1)
         is_known = vertices[at] == samples.vertices[own]
-        depths[own] = np.where(is_known, contacts.depth_m[known][at], 0.0)
-    return depths
+        values[own][is_known] = column[known][at[is_known]]
+    return values

@@ -32,12 +32,12 @@ MAX_ENTRIES: Final = 2**25
 MAX_SET_ENTRIES: Final = int(limits.MEMORY.default) // _ENTRY_BYTES
 """Largest number of (set, vertex) pairs of all streams in a chunk; a reader's memory bound."""
 
-CHANNELS: Final = {"positions": 3, "velocities": 3, "depth_m": 1}
-"""Optional channels of vertices and the widths; channel ``k`` is bit ``k`` of the flags."""
+CHANNELS: Final = {"positions": 3, "velocities": 3, "depth_m": 1, "forces_n": 3}
+"""Optional channels of vertices and their widths, in the order of the file."""
 
 FOCUS_COLUMNS: Final = 4
-_FOCUS: Final = 1 << len(CHANNELS)  # flag of the columns of a spot
-_DRIVE: Final = _FOCUS << 1
+_FOCUS, _DRIVE = 1 << 3, 1 << 4  # flags of the columns of a spot, and of actuators
+_FLAGS: Final = {"positions": 1, "velocities": 1 << 1, "depth_m": 1 << 2, "forces_n": 1 << 5}
 
 _HEAD = struct.Struct("<III")  # stream, samples, channel flags
 _WEIGHT_OF_BYTE: Final = (np.arange(256) / 255.0).astype(np.float32)
@@ -113,7 +113,7 @@ def decode_weights(stored: npt.NDArray[np.uint8]) -> F32:
 def encode(section: Section) -> bytes:
     """Bytes of a section for :func:`decode`: head, then byte planes of all columns."""
     # Column after column: equal bytes of similar numbers are adjacent, which Deflate needs.
-    flags = sum(1 << k for k, name in enumerate(CHANNELS) if name in section.channels)
+    flags = sum(flag for name, flag in _FLAGS.items() if name in section.channels)
     flags |= _FOCUS * (section.focus is not None) | _DRIVE * (section.drive is not None)
     counts, gaps, weights, channels = _set_columns(section)
     parts = [
@@ -244,7 +244,7 @@ def decode(
     the bytes are no such section, with the fault, and TooLargeError for too many contacts."""
     stream, samples, flags = head
     _require(samples > 0, "a section has no samples")
-    _require(flags < _DRIVE << 1, "a section has unknown channels")
+    _require(flags < 1 << 6, "a section has unknown channels")
     # Before the columns are read: a wrong flag would shift all later columns.
     fits = bool(flags & _FOCUS) == is_spot and bool(flags & _DRIVE) == (actuator_count > 0)
     _require(fits, "a section has not the channels of its effect's kind")
@@ -271,8 +271,8 @@ def decode(
     heaviest = 1.0 if full_precision else 255
     _require(bool(np.all((weights > 0) & (weights <= heaviest))), "a weight is not in 0..1")
     channels = {}
-    for k, (name, columns) in enumerate(CHANNELS.items()):
-        if flags & 1 << k:
+    for name, columns in CHANNELS.items():
+        if flags & _FLAGS[name]:
             values = np.zeros((len(vertices), columns), np.float32)
             for column in range(columns):
                 bits = _sums_per_vertex(cursor.column(len(vertices), "<u4"), order, starts)

@@ -200,6 +200,7 @@ class TrackReader:
             positions=channels.get("positions"),
             velocities=channels.get("velocities"),
             depth_m=channels["depth_m"][:, 0] if "depth_m" in channels else None,
+            forces_n=channels.get("forces_n"),
             focus=None if section.focus is None else section.focus[rows],
             drive=drive,
         )

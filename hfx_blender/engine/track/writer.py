@@ -382,7 +382,7 @@ def _check_sets(run: SampleRun) -> None:
     if run.set_of[0] != 0 or not ((steps == 0) | (steps == 1)).all():
         raise ValueError("sets: expected a number from 0 for each sample, rising by 0 or 1")
     if run.sets is not None and any(getattr(run, name) is not None for name in CHANNELS):
-        raise ValueError("positions, velocities and depth need a set for each sample")
+        raise ValueError("positions, velocities, depth and forces need a set for each sample")
     sizes = np.diff(run.offsets)
     if run.offsets[0] != 0 or run.offsets[-1] != len(run.vertices) or (sizes < 0).any():
         raise ValueError("offsets do not cut the vertices into samples")

@@ -82,6 +82,13 @@ class Document:
             },
         )
 
+    def texture(self, content: bytes) -> int:
+        """Append a texture of a PNG picture and return the texture's index."""
+        view = {"buffer": 0, "byteOffset": len(self._bytes), "byteLength": len(content)}
+        self._bytes += content + b"\0" * (-len(content) % 4)  # all views start aligned
+        image = {"bufferView": self.append("bufferViews", view), "mimeType": "image/png"}
+        return self.append("textures", {"source": self.append("images", image)})
+
     def encoded(self) -> bytes:
         """Encode the document as a GLB file; a buffer without bytes is omitted."""
         if self._bytes:

@@ -3,13 +3,15 @@
 
 Each volume is a trigger of the draft extension ``MPEG_interactivity`` (ISO/IEC 23090-14; Khronos
 pull request 2503): a collision with the body plays perceptions of a companion HJIF file. The
-extensions are used, not required: any reader shows bodies and moving nodes.
+extensions are used, not required: any reader shows bodies and moving nodes. A mesh with a contact
+law has a material of the draft ``MPEG_haptic_material`` (pull request 2502): constant textures of
+stiffness and friction, whose ``extras`` give the full scale that the draft does not define.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,6 +24,7 @@ from ...engine.body.model import PerceptualModel
 from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...engine.scene import (
     AnimationBlock,
+    ContactLaw,
     EffectDescription,
     HapticVolume,
     SceneDescription,
@@ -31,10 +34,12 @@ from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from ...engine.volume.shape import Shape
 from ...files.atomic import atomic_file
 from ...files.strict_json import clean
+from ..pictures.png import encoded
 from ..written import Written
 from .glb import SUFFIX, TO_GLTF, Document, add_extensions, hjif_media, move, to_gltf
 from .glb_bodies import BodyRecorder
 
+_MATERIAL: Final = "MPEG_haptic_material"
 _COLLISION, _ACTION_HAPTIC = 0, 7
 _CAPSULE: Final = 3
 _PRIMITIVES: Final[dict[type, tuple[int, dict[str, float]]]] = {
@@ -140,6 +145,7 @@ class VolumeRecorder:
         """
         document = Document()
         triggers: list[dict[str, Any]] = []
+        materials: list[dict[str, Any]] = []
         notes: list[str] = []
         roots, bodies = self._bodies.write(document, models, notes)
         nodes = []
@@ -147,11 +153,11 @@ class VolumeRecorder:
             if volume.shape is None:
                 notes.append(f"volume '{volume.effect.name}' is never active: not in the scene")
                 continue
-            nodes.append(self._add(document, volume, triggers, bodies, notes))
+            nodes.append(self._add(document, volume, triggers, materials, bodies, notes))
         # Triggers refer to perceptions by modality, so they stay valid without a file.
         if triggers and hjif_name is None:
             notes.append("the glTF scene has no HJIF file, so its triggers play nothing")
-        _add_interactivity(document, triggers, nodes, self._scene, hjif_name)
+        _add_extensions(document, triggers, materials, nodes, self._scene, hjif_name)
         shown = [*roots, *nodes]
         document.json["scenes"] = [{"nodes": shown} if shown else {}]  # glTF forbids empty lists
         document.json["scene"] = 0
@@ -165,11 +171,12 @@ class VolumeRecorder:
         document: Document,
         volume: _Volume,
         triggers: list[dict[str, Any]],
+        materials: list[dict[str, Any]],
         bodies: Sequence[int],
         notes: list[str],
     ) -> int:
-        """Append a volume's node and its trigger (collision of ``bodies``); returns the node. A
-        changed or sheared shape is noted in ``notes``."""
+        """Append a volume's node, its trigger (collision of ``bodies``), and the material of a mesh
+        with a contact law; returns the node. A changed or sheared shape is noted in ``notes``."""
         assert volume.shape is not None
         indices, matrices = np.concatenate(volume.indices), np.concatenate(volume.matrices)
         placed = to_gltf(matrices)
@@ -186,8 +193,15 @@ class VolumeRecorder:
             mesh: Any = volume.shape
             attributes = {"POSITION": document.accessor(np.asarray(mesh.vertices), is_vertex=True)}
             triangles = document.accessor(np.asarray(mesh.triangles).ravel(), is_index=True)
-            primitives = [{"attributes": attributes, "indices": triangles}]
-            node["mesh"] = document.append("meshes", {"primitives": primitives})
+            item: dict[str, Any] = {
+                "primitives": [{"attributes": attributes, "indices": triangles}]
+            }
+            if isinstance(effect.area, HapticVolume) and effect.area.law is not None:
+                coordinates = np.full((len(mesh.vertices), 2), 0.5)
+                attributes["TEXCOORD_0"] = document.accessor(coordinates, is_vertex=True)
+                item["extensions"] = {_MATERIAL: {"hapticMaterialIndex": len(materials)}}
+                materials.append(_haptic_material(document, effect.name, effect.area.law))
+            node["mesh"] = document.append("meshes", item)
         times = self._scene.time.times_s(indices)
         times = times - self._scene.time.times_s(np.array([0]))[0]
         if move(document, node, times, placed).any():
@@ -236,6 +250,7 @@ def _volume_extras(
             "kind": "none" if falloff.is_flat else str(falloff.kind.value),
             "share": 0.0 if falloff.is_flat else falloff.share,
         },
+        **({} if effect.area.law is None else {"contact_law": asdict(effect.area.law)}),
         "clips": [
             {
                 "name": clean(clip.name),
@@ -278,9 +293,26 @@ def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
     return {"type": kind, **size, "centroid": [0.0, 0.0, 0.0], **placed}
 
 
-def _add_interactivity(
+def _haptic_material(document: Document, name: str, law: ContactLaw) -> dict[str, Any]:
+    """Material of MPEG_haptic_material: white textures of one texel, times the full scale."""
+    texture = document.texture(encoded(np.full((1, 1), 255, np.uint8)))
+    scales = {"stiffness": (law.stiffness_n_m, "N/m"), "friction": (law.friction, "1")}
+    return {"name": clean(name)} | {
+        kind: [
+            {
+                "texture": {"index": texture},
+                "type": "Low_Resolution",
+                "extras": {"full_scale": full_scale, "unit": unit},
+            }
+        ]
+        for kind, (full_scale, unit) in scales.items()
+    }
+
+
+def _add_extensions(
     document: Document,
     triggers: list[dict[str, Any]],
+    materials: list[dict[str, Any]],
     nodes: Sequence[int],
     scene: SceneDescription,
     hjif_name: str | None,
@@ -327,6 +359,8 @@ def _add_interactivity(
     extensions: dict[str, Any] = {
         "MPEG_interactivity": {"triggers": triggers, "actions": actions, "behaviors": behaviors}
     }
+    if materials:
+        extensions[_MATERIAL] = {"materials": materials}
     if hjif_name is not None:
         extensions["MPEG_media"] = hjif_media(hjif_name)
     add_extensions(document, extensions)

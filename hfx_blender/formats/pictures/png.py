@@ -31,9 +31,17 @@ _LONGEST_TEXT: Final = 4 << 20  # bytes
 
 
 def write(values: Grey, path: Path) -> None:
-    """Write a picture, top row first: grey (H, W) of uint8 or uint16, or RGB (H, W, 3) of uint8.
-    Grey values are marked as linear (gAMA 1), colours as sRGB. Raises OutputError for an unwritable
-    file (no partial file remains), and ValueError for another shape or type."""
+    """Write the picture of :func:`encoded`. Raises OutputError for an unwritable file (no partial
+    file remains), and ValueError for another shape or type."""
+    content = encoded(values)
+    with atomic_file(path) as file:
+        file.write(content)
+
+
+def encoded(values: Grey) -> bytes:
+    """Encode a picture, top row first: grey (H, W) of uint8 or uint16, or RGB (H, W, 3) of uint8.
+    Grey values are marked as linear (gAMA 1), colours as sRGB. Raises ValueError for another shape
+    or type."""
     is_deep = values.dtype == np.uint16
     is_coloured = values.ndim == 3 and values.shape[2] == 3 and not is_deep
     if not (values.ndim == 2 or is_coloured) or values.size == 0:
@@ -51,12 +59,8 @@ def write(values: Grey, path: Path) -> None:
     kind = 2 if is_coloured else 0
     header = struct.pack(">IIBBBBB", columns, rows, 16 if is_deep else 8, kind, 0, 0, 0)
     space = (b"sRGB", b"\0") if is_coloured else (b"gAMA", struct.pack(">I", 100_000))
-    with atomic_file(path) as file:
-        file.write(_SIGNATURE)
-        file.write(_chunk(b"IHDR", header))
-        file.write(_chunk(*space))
-        file.write(_chunk(b"IDAT", zlib.compress(lines.tobytes(), 4)))
-        file.write(_chunk(b"IEND", b""))
+    data_chunk = _chunk(b"IDAT", zlib.compress(lines.tobytes(), 4))
+    return _SIGNATURE + _chunk(b"IHDR", header) + _chunk(*space) + data_chunk + _chunk(b"IEND", b"")
 
 
 def read(path: Path) -> tuple[Grey, bool]:

@@ -7,27 +7,30 @@ import bpy
 import numpy as np
 
 from ...authoring import responses
+from ...authoring.effects import effect_values
 from ...authoring.responses import PATH
 from ...blender import compat
 from ...blender.stored_values import limited
 from ...engine.arrays import F64
-from ...engine.response_filters.controls import WIDTH, Filter, FilterKind
+from ...engine.response_filters.controls import WIDTH, FilterKind
 from ...engine.response_filters.envelope import longest_s
-from ...engine.scene import TimeBase
+from ...engine.scene import HapticVolume, TimeBase
 from ..curves.animation_time import animation_frames
 
 _STEPS_A_FRAME = 4
 """Integration steps per frame for a variable frequency."""
 
 
-def filters_of(effect: bpy.types.Object) -> tuple[Filter, ...]:
-    """Active filters of an effect, from top to bottom, each with the upper bound of the duration of
-    the filter's impacts in seconds (``rings_s``; 0 unless an impact), animated attack and decay
-    included."""
-    return tuple(
+def volume_of(effect: bpy.types.Object) -> HapticVolume:
+    """Falloff, contact law, and active filters of a volume, from top to bottom, each with the upper
+    bound of the duration of the filter's impacts in seconds (``rings_s``; 0 unless an impact),
+    animated attack and decay included."""
+    filters = tuple(
         responses.described(item, _longest_s(effect, k, item))
         for k, item in responses.active_filters(effect.hfx)
     )
+    hfx = effect.hfx
+    return HapticVolume(effect_values.falloff(hfx), filters, effect_values.contact_law(hfx))
 
 
 def _longest_s(effect: bpy.types.Object, index: int, item: bpy.types.PropertyGroup) -> float:

@@ -360,7 +360,7 @@ def _describe_effect(
     elif hfx.kind == "ACTUATORS":
         area = area_values.actuator_area(effect, ids[_body_of(effect, haptics).name_full])
     else:
-        area = HapticVolume(effect_values.falloff(hfx), response_values.filters_of(effect))
+        area = response_values.volume_of(effect)
     return EffectDescription(
         id=ids[effect.name_full],
         name=effect.name,

@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...authoring.effects import effects
+from ...authoring.effects import effect_values, effects
 from ...blender import compat, stored_values
 from ...blender.stored_values import BadValue
 from ...engine.modality import MODALITIES
@@ -161,6 +161,8 @@ def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
         if hfx.kind == "SPOT":
             return name == "radius"
         return hfx.kind == "VOLUME" and (name == "shape" or name in SIZES.get(hfx.shape, ()))
+    if name in effect_values.LAW:
+        return hfx.kind == "VOLUME" and (name == "stiffness" or hfx.stiffness > 0.0)
     only = {"response": "VOLUME", "surface": "SURFACE", "path_position": "SPOT"}
     only |= {"drive": "ACTUATORS", "device": "ACTUATORS"}
     return hfx.kind == only[name] if name in only else True

@@ -24,7 +24,7 @@ from ...authoring import volumes
 from ...authoring.effects import effect_values, effects
 from ...engine.arrays import F64, Bool
 from ...engine.response.motion_estimate import OVERLAP
-from ...engine.scene import AnimationBlock, EffectDescription, HapticVolume, TimeBase
+from ...engine.scene import AnimationBlock, EffectDescription, TimeBase
 from ...engine.volume.shape import Shape
 from ...errors import InputError
 from ..curves.animation_time import animation_frames
@@ -149,7 +149,7 @@ class Sources:
             name=self._names[name],
             modality=hfx.modality,
             model_id=effects.model_id_for(hfx.modality),
-            area=HapticVolume(effect_values.falloff(hfx), response_values.filters_of(source)),
+            area=response_values.volume_of(source),
             is_contact=hfx.temperature_reference == "CONTACT",
             clips=scene_description.played_clips(self._found.scene, self.states[name]),
         )

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Contact forces of volumes in exports, device scripts, live samples and effect files."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import oracle
+import pytest
+
+from hfx_blender.authoring.effects import effect_exchange, effect_file
+from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live import approval
+from hfx_blender.engine.tolerance import PAPER
+from hfx_blender.engine.track import TrackReader
+from hfx_blender.export.scene_export import ExportSettings, export_scene
+from hfx_blender.files import resources
+from hfx_blender.formats.glb import glb
+from hfx_blender.reading.live_scene import LiveScene
+from hfx_tools.formats import jsonl_rules
+
+RADIUS_M, STIFFNESS = 0.3, 500.0
+CENTRE = np.array([0.0, 0.0, 1.3])
+
+SCRIPT = """
+def render(haptics):
+    felt = [effect for effect in haptics.felt if effect.forces_n is not None]
+    if not felt:
+        return None
+    strongest = max((felt[0].forces_n ** 2).sum(axis=1)) ** 0.5
+    return {a.id: {"pressure_kpa": strongest / 10.0} for a in haptics.actuators}
+"""
+
+
+@pytest.fixture
+def pushed(scene: Any) -> Any:
+    """A body at rest in a stiff ball, for four frames."""
+    bpy.ops.hfx.add_avatar()
+    scene.frame_start, scene.frame_end = 1, 4
+    ball = oracle.add_volume("Ball", "pressure", "SPHERE", CENTRE, radius=RADIUS_M)
+    ball.hfx.stiffness = STIFFNESS
+    return scene
+
+
+def exported(scene: Any, folder: Path, *formats: str, devices: Any = ()) -> Path:
+    report = export_scene(scene, folder, "x", ExportSettings(formats, devices, tolerance=PAPER))
+    assert not report.left_out
+    return folder
+
+
+def samples(folder: Path) -> list[Any]:
+    with TrackReader(folder / "x.hfxtrack") as track:
+        return [sample for run in track.runs() for sample in run]
+
+
+def test_forces_are_those_of_a_spring(pushed: Any, tmp_path: Path) -> None:
+    folder = exported(pushed, tmp_path, "track", "jsonl", "glb")
+    model = oracle.model_object(pushed, oracle_body(), "pressure")
+    actual = samples(folder)
+    assert len(actual) >= 4
+    for sample in actual:
+        arms = oracle.world_vertices(pushed, model)[sample.vertices] - CENTRE
+        distances = np.linalg.norm(arms, axis=1)
+        # Vertices outside count where a part of their cell is inside.
+        inside = distances < RADIUS_M
+        expected = STIFFNESS * (RADIUS_M - distances) * (arms / distances[:, None]).T
+        np.testing.assert_allclose(sample.forces_n[inside], expected.T[inside], atol=0.3)
+    lines = list(jsonl_rules.read(folder / "x.samples.jsonl"))
+    first = next(line for line in lines if line["type"] == "sample")
+    np.testing.assert_allclose(first["forces_n"], actual[0].forces_n, atol=1e-4)
+    nodes = glb.read_json((folder / "x.scene.glb").read_bytes(), "x")["nodes"]
+    (law,) = [n["extras"]["contact_law"] for n in nodes if "hfx_effect" in n.get("extras", {})]
+    assert law["stiffness_n_m"] == STIFFNESS and law["damping_n_s_m"] == 0.0
+
+
+def oracle_body() -> Any:
+    return next(obj for obj in bpy.data.objects if obj.hfx.role == "BODY")
+
+
+def test_without_stiffness_nothing_is_written(pushed: Any, tmp_path: Path) -> None:
+    bpy.data.objects["Ball"].hfx.stiffness = 0.0
+    folder = exported(pushed, tmp_path, "track", "jsonl", "glb")
+    assert all(sample.forces_n is None for sample in samples(folder))
+    assert b"forces_n" not in (folder / "x.samples.jsonl").read_bytes()
+    assert b"contact_law" not in (folder / "x.scene.glb").read_bytes()
+
+
+def test_a_device_script_has_the_forces(
+    pushed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HFX_DEVICES", str(tmp_path / "devices"))
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
+    (tmp_path / "devices").mkdir()
+    content = json.loads((resources.device_configs() / "pressure_vest.json").read_text())
+    (tmp_path / "devices" / "pusher.json").write_text(json.dumps(content | {"id": "pusher"}))
+    (tmp_path / "devices" / "pusher.py").write_text(SCRIPT)
+    script = approval.script_of("pusher")
+    assert script is not None
+    approval.approve(script)
+    device = load_device("pusher")
+    folder = exported(pushed, tmp_path, "track", "csv", "clip", devices=(device,))
+    strongest = max(float(np.linalg.norm(s.forces_n, axis=1).max()) for s in samples(folder))
+    (table,) = folder.glob("*.csv")
+    rows = list(csv.DictReader(table.open()))
+    values = {float(v) for row in rows for k, v in row.items() if "pressure" in k}
+    limit = device.actuators[0].type.strength.highest
+    assert max(values) == pytest.approx(min(strongest / 10.0, limit), rel=1e-5)
+    shutil.rmtree(tmp_path / "devices")
+
+
+def test_live_samples_have_forces_and_speeds(pushed: Any) -> None:
+    ball = bpy.data.objects["Ball"]
+    ball.hfx.stiffness, ball.hfx.damping, ball.hfx.friction = STIFFNESS, 50.0, 0.0
+    seconds = iter(np.arange(100.0))
+    live = LiveScene(pushed, bpy.context.view_layer, PAPER)
+    live.clock = type(live.clock)(pushed, lambda: 0.1 * next(seconds))
+    (run,) = live.runs()
+    still = run.forces_n.copy()
+    # The body stays, the ball moves against it by 5 mm in 0.1 s: 0.05 m/s.
+    ball.location.y += 0.005
+    bpy.context.view_layer.update()
+    (moved,) = live.runs()
+    lengths = np.linalg.norm(moved.forces_n, axis=1)
+    normals = moved.forces_n[lengths > 1.0] / lengths[lengths > 1.0, None]
+    places = oracle.world_vertices(pushed, oracle.model_object(pushed, oracle_body(), "pressure"))
+    arms = places[moved.vertices[lengths > 1.0]] - np.array(ball.location)
+    depths = RADIUS_M - np.linalg.norm(arms, axis=1)
+    # The skin moves at -0.05 m/s along Y relative to the ball.
+    expected = STIFFNESS * depths + 50.0 * 0.05 * normals[:, 1]
+    chosen = depths > 0.0
+    np.testing.assert_allclose(lengths[lengths > 1.0][chosen], expected[chosen], atol=0.4)
+    assert still.shape[1] == 3
+
+
+def test_an_effect_file_keeps_the_law(pushed: Any, tmp_path: Path) -> None:
+    ball = bpy.data.objects["Ball"]
+    ball.hfx.damping, ball.hfx.friction = 3.5, 0.75
+    path = tmp_path / "push.hfxeffect"
+    effect_file.save(effect_exchange.sensation_of(pushed, [ball], "Push"), path)
+    (volume,) = [effect["volume"] for effect in json.loads(path.read_text())["effects"]]
+    assert volume["law"] == {"stiffness_n_m": 500.0, "damping_n_s_m": 3.5, "friction": 0.75}
+    created = effect_exchange.place_sensation(pushed, effect_file.load(path), body=None, frame=1.0)
+    hfx = created[0].hfx
+    assert (hfx.stiffness, hfx.damping, hfx.friction) == (500.0, 3.5, 0.75)
+    ball.hfx.stiffness = 0.0
+    effect_file.save(effect_exchange.sensation_of(pushed, [ball], "Push"), path)
+    assert "law" not in path.read_text()
