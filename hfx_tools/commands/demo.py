@@ -32,9 +32,10 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("hfx_demo"), metavar="DIR")
     parser.add_argument(
         "--scene",
-        choices=("garage", "belt", "surfaces"),
+        choices=("garage", "belt", "life", "surfaces"),
         default="garage",
         help="belt: particles around a walker with a belt of 8 motors, with sound; "
+        "life: particles that meet, have offspring and age, on the belt and with sound; "
         "surfaces: a fingertip strokes 4 x 4 squares of four materials, played by two phones",
     )
     parser.add_argument("--no-pictures", action="store_true", help="leave out the pictures")
@@ -43,7 +44,7 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Build, save, reopen and export the scene, draw, and report; returns 0."""
-    if options.scene == "belt":
+    if options.scene in ("belt", "life"):
         from .demo_belt import run as run_belt
 
         return run_belt(options, console)

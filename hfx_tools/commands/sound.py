@@ -69,6 +69,21 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--doppler", action="store_true", help="pitch rises as a source comes nearer"
     )
+    parser.add_argument(
+        "--voices",
+        choices=("scale", "own"),
+        default="scale",
+        help="scale: a tone of a scale for each volume (default); own: the sound of a Speaker "
+        "parented to the volume, else the frequency of its vibration",
+    )
+    parser.add_argument(
+        "--ageing",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="pitch falls by a step of a pentatonic scale for each S seconds since a source was "
+        "switched on, down to two octaves (default: 0, not at all)",
+    )
 
 
 def settings_of(options: argparse.Namespace) -> Any:
@@ -83,9 +98,17 @@ def settings_of(options: argparse.Namespace) -> Any:
         )
     except ValueError as error:
         raise UsageError(f"sound: {error}") from None
+    if not 0.0 <= options.ageing < 1e6:
+        raise UsageError(f"--ageing {options.ageing:g}: expected seconds, from 0")
     layout = parse(options.loudspeakers)
     Panner(layout, hearing, options.panning)  # raises for impossible combinations
-    return SoundSettings(layout=layout, scheme=options.panning, hearing=hearing)
+    return SoundSettings(
+        layout=layout,
+        scheme=options.panning,
+        hearing=hearing,
+        voices=options.voices,
+        ageing_s=options.ageing,
+    )
 
 
 def run(options: argparse.Namespace, console: Console) -> int:

@@ -13,6 +13,8 @@ from math import pi
 import bpy
 
 from ..spatial_sound.hearing import Hearing
+from ..spatial_sound.loudspeakers import LAYOUTS
+from ..spatial_sound.sound_settings import SoundSettings
 
 FPS = 30
 DURATION_S = 8.0
@@ -23,8 +25,9 @@ WAIST_M = 1.08
 WAY = ((0.0, 1.5, 0.0), (0.0, -1.5, 0.0), (2.5, -2.2, 0.0))
 
 DEVICE = "waist_belt"
-LOUDSPEAKERS = "ring8"
-HEARING = Hearing(reference_m=0.8, audible_m=2.0, spread_m=0.25)  # single particles are audible
+SOUND = SoundSettings(  # single particles are audible
+    layout=LAYOUTS["ring8"], hearing=Hearing(reference_m=0.8, audible_m=2.0, spread_m=0.25)
+)
 PARTICLE = "Particle"
 
 

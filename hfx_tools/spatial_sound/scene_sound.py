@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Spatial sound of a scene's haptic volumes, heard by the first body.
 
-A volume sounds as loud as its contact envelope, over a quiet tone that is audible before contact.
-The sound is in step with the rasters of devices.
+A volume sounds as loud as its contact envelope, over a quiet part that is audible before contact.
+Its voice is a tone of a scale, or the file of a Speaker parented to it, else the frequency of its
+vibration; pitch may fall with age (simpleLife, the piece of Politis, Pugliese and Takala). The
+sound is in step with the rasters of devices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Final
 
 import bpy
 import numpy as np
@@ -16,6 +19,7 @@ import numpy as np
 from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import AnimationBlock, HapticVolume, SceneDescription, SkinBinding
 from hfx_blender.engine.track import TrackReader
@@ -29,17 +33,27 @@ from .hearing import ListenerFrame
 from .loudspeakers import Panner
 from .sound_settings import SoundSettings
 from .spatial_mix import Reverberators, SoundSource, SpatialMix
+from .speakers import Voice, voices_of
 
 Progress = Callable[[float], None]
+_VIBRATION: Final = "vibration"
+_FREQUENCY: Final = MODALITIES[_VIBRATION].parameter_names.index("frequency_hz")
 
 
 class SoundRecorder:
-    """Recorder of positions, activation and contact of sound sources, block after block. Raises
-    InputError for a scene without volumes, or a first body without bones."""
+    """Recorder of positions, activation and contact of sound sources, block after block.
+    ``voices`` are sounds by effect id. Raises InputError for a scene without volumes, or a first
+    body without bones."""
 
-    def __init__(self, scene: SceneDescription, settings: SoundSettings) -> None:
+    def __init__(
+        self,
+        scene: SceneDescription,
+        settings: SoundSettings,
+        voices: Mapping[str, Voice] | None = None,
+    ) -> None:
         self._scene = scene
         self._settings = settings
+        self._voices = voices or {}
         self._volumes = [
             k for k, effect in enumerate(scene.effects) if isinstance(effect.area, HapticVolume)
         ]
@@ -55,15 +69,16 @@ class SoundRecorder:
         model_id = scene.effects[self._volumes[0]].model_id
         self._listener = ListenerFrame(scene.bodies[0].binding, load_model(model_id))
         count = scene.time.sample_count
-        # Three coordinates and two levels, float32 each.
+        # Three coordinates, two levels and a frequency, float32 each.
         clause = f"{len(self._volumes):,} sources at {count:,} times would take"
         MEMORY.check(
-            20.0 * len(self._volumes) * count, f"Scene '{scene.source.get('scene', '')}'", clause
+            24.0 * len(self._volumes) * count, f"Scene '{scene.source.get('scene', '')}'", clause
         )
         # Positions in the listener's space; NaN: silent.
         self._positions = np.full((len(self._volumes), count, 3), np.nan, np.float32)
         self._tones = np.zeros((len(self._volumes), count), np.float32)
         self._touches = np.zeros((len(self._volumes), count), np.float32)
+        self._hz = np.zeros((len(self._volumes), count), np.float32)
         self._number = {scene.effects[k].id: n for n, k in enumerate(self._volumes)}
 
     def add(self, block: AnimationBlock, runs: list[SampleRun]) -> None:
@@ -85,6 +100,8 @@ class SoundRecorder:
                 positions[~(effect.levels[rows] > 0.0)] = np.nan
                 self._positions[n, at] = positions
                 self._tones[n, at] = effect.levels[rows]
+                if self._settings.voices == "own" and self._scene.effects[k].modality == _VIBRATION:
+                    self._hz[n, at] = effect.parameters[rows, _FREQUENCY]
         self.add_felt(runs)
 
     def add_felt(self, runs: Iterable[SampleRun]) -> None:
@@ -103,17 +120,31 @@ class SoundRecorder:
         for n, k in enumerate(self._volumes):
             if np.isnan(self._positions[n]).all():
                 continue
-            tone = settings.tone_hz(n)
+            effect = self._scene.effects[k]
+            voice = self._voices.get(effect.id)
             amplitudes = settings.tone * self._tones[n] + settings.touch * self._touches[n]
+            frequencies = np.full(len(amplitudes), settings.tone_hz(n))
+            if voice is not None:
+                frequencies[:] = voice.frequency_hz
+            elif self._hz[n].any():
+                frequencies = _held(np.where(self._hz[n] > 0.0, self._hz[n], np.nan)[:, None])[:, 0]
             sources.append(
                 SoundSource(
-                    self._scene.effects[k].name,
+                    effect.name,
                     _held(self._positions[n].astype(np.float64)),
                     amplitudes.astype(np.float64),
-                    np.full(len(amplitudes), tone),
+                    frequencies * settings.aged(self._ages_s(n)),
+                    None if voice is None else voice.samples,
                 )
             )
         return sources
+
+    def _ages_s(self, number: int) -> F64:
+        """Time (T,) since a source was last switched on, seconds; 0 while it is off."""
+        is_on = self._tones[number] > 0.0
+        rows = np.arange(len(is_on))
+        last_off = np.maximum.accumulate(np.where(is_on, -1, rows))
+        return np.asarray(np.where(is_on, rows - last_off - 1, 0) / float(self._scene.time.rate_hz))
 
     def write(self, path: Path) -> float:
         """Write the sound; see :func:`.sound_file.write_sound` for the returned value."""
@@ -140,13 +171,13 @@ class SoundRecorder:
         )
 
 
-def _held(positions: F64) -> F64:
-    """Fill gaps in positions (n, 3) with the last known position, for sounds that fade out."""
+def _held(rows: F64) -> F64:
+    """Fill gaps of NaN in rows (n, k) with the last known row, for sounds that fade out."""
     # Index of the last known row at each row; rows before the first known one take that one.
-    known = ~np.isnan(positions).any(axis=1)
+    known = ~np.isnan(rows).any(axis=1)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
     first = int(np.argmax(known))
-    return np.asarray(positions[np.where(last < 0, first, last)])
+    return np.asarray(rows[np.where(last < 0, first, last)])
 
 
 def write_sound(
@@ -165,7 +196,9 @@ def write_sound(
     time = reader.description.time
     samples = wav.sample_count(time.sample_count, time.rate_hz)
     sound_file.refuse_large(settings.layout, path, count=samples)  # before all is evaluated
-    recorder = SoundRecorder(reader.description, settings)
+    is_own = settings.voices == "own"
+    voices = voices_of(reader.description, reader.found.effects) if is_own else {}
+    recorder = SoundRecorder(reader.description, settings, voices)
     count = max(len(reader.sample_indices), 1)
     done = 0
     for block in reader.blocks():

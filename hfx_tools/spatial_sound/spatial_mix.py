@@ -25,12 +25,13 @@ from .loudspeakers import Panner
 
 @dataclass(frozen=True, eq=False)
 class SoundSource:
-    """A sine source at T times."""
+    """A source at T times: a sine, or a sound that repeats from each start of the source."""
 
     name: str
     places_m: F64  # (T, 3) listener space; silent where not finite
     amplitudes: F64  # (T,) 0..1
-    frequencies_hz: F64  # (T,)
+    frequencies_hz: F64  # (T,) of the sine, or repetitions of the sound a second
+    sound: F64 | None = None  # (n,) one repetition; None: a sine
 
 
 class SpatialMix:
@@ -81,9 +82,9 @@ class SpatialMix:
                 voice.frequencies[row]
                 + 0.5 * share * (voice.frequencies[row + 1] - voice.frequencies[row])
             )
-            signal = np.sin(2.0 * np.pi * turns) * inside
+            signal = voice.wave(turns) * inside
             lead = _between(voice.lead, row, share)
-            wet = np.sin(2.0 * np.pi * (turns + lead)) * inside
+            wet = voice.wave(turns + lead) * inside
             bus += wet * _between(voice.wet, row, share)
             for channel in np.flatnonzero(voice.dry[span].any(axis=0)).tolist():
                 mixed[:, channel] += signal * _between(voice.dry[:, channel], row, share)
@@ -111,12 +112,30 @@ class _Voice:
         self.frequencies = np.append(at_listener_hz, at_listener_hz[-1:])
         steps = 0.5 * (self.frequencies[1:] + self.frequencies[:-1]) / raster_hz
         self.turns = np.concatenate([[0.0], np.cumsum(steps)])  # played before each row
+        self._sound = source.sound
+        if source.sound is not None:
+            # A sound begins anew at the last silent row before the source is on.
+            is_start = np.append(amplitudes <= 0.0, False)
+            rows = np.where(is_start, np.arange(len(is_start)), 0)
+            self.turns -= self.turns[np.maximum.accumulate(rows)]
         self.turns[1:] = np.mod(self.turns[1:], 1.0)
         lead = _quadrature(dry, reverberators, at_listener_hz)
+        if source.sound is not None:  # its frequencies have no common quarter turn
+            lead = np.zeros_like(lead)
         self.lead = np.append(lead, lead[-1:])  # of the wet part, in turns
         self.dry = np.vstack([dry, np.zeros((1, dry.shape[1]))])  # amplitude times panner's gain
         self.wet = np.append(wet, 0.0)
         self.loudness = np.append(np.abs(dry).sum(axis=1) + np.abs(wet), 0.0)
+
+    def wave(self, turns: F64) -> F64:
+        """Samples (n,) at ``turns`` (n,), one a period of the sine or a repetition of the sound;
+        linear between the samples of a sound."""
+        if self._sound is None:
+            return np.asarray(np.sin(2.0 * np.pi * turns))
+        at = np.mod(turns, 1.0) * len(self._sound)
+        row = np.minimum(at.astype(np.int64), len(self._sound) - 1)
+        following = self._sound[(row + 1) % len(self._sound)]
+        return np.asarray(self._sound[row] + (at - row) * (following - self._sound[row]))
 
 
 def _quadrature(dry: F64, reverberators: Reverberators, frequencies_hz: F64) -> F64:
