@@ -148,10 +148,7 @@ class PaintedArea:
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Material of a volume that pushes skin out: a spring and a damper side by side, and friction.
-
-    Formulas are in :mod:`.contact.contact_force`.
-    """
+    """Coefficients of :func:`.contact.contact_force.force`: spring, damper and friction."""
 
     stiffness_n_m: float
     damping_n_s_m: float

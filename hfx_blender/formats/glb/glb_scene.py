@@ -296,17 +296,11 @@ def _primitive(shape: Shape, matrix: F64) -> dict[str, Any] | None:
 def _haptic_material(document: Document, name: str, law: ContactLaw) -> dict[str, Any]:
     """Material of MPEG_haptic_material: white textures of one texel, times the full scale."""
     texture = document.texture(encoded(np.full((1, 1), 255, np.uint8)))
-    scales = {"stiffness": (law.stiffness_n_m, "N/m"), "friction": (law.friction, "1")}
-    return {"name": clean(name)} | {
-        kind: [
-            {
-                "texture": {"index": texture},
-                "type": "Low_Resolution",
-                "extras": {"full_scale": full_scale, "unit": unit},
-            }
-        ]
-        for kind, (full_scale, unit) in scales.items()
-    }
+    item = {"texture": {"index": texture}, "type": "Low_Resolution"}
+    stiffness = {"full_scale": law.stiffness_n_m, "unit": "N/m"}
+    friction = {"full_scale": law.friction, "unit": "1"}
+    both = {"stiffness": stiffness, "friction": friction}
+    return {"name": clean(name)} | {k: [item | {"extras": v}] for k, v in both.items()}
 
 
 def _add_extensions(

@@ -10,7 +10,6 @@ from bl_ui.utils import PresetPanel
 from ...authoring import responses
 from ...authoring.clips import strips_of
 from ...authoring.effects import effects, sensation_levels
-from ...authoring.effects.effect_values import LAW
 from ...authoring.painting import PAINTED_EFFECT, canvas_of
 from ...authoring.paths import paths
 from ...authoring.surfaces import surfaces
@@ -87,7 +86,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             for name in _DIMENSIONS[hfx.shape]:
                 layout.prop(hfx, name)
             _draw_falloff(layout, hfx)
-            for name in LAW[: len(LAW) if hfx.stiffness > 0.0 else 1]:
+            for name in ("stiffness", "damping", "friction")[: 3 if hfx.stiffness > 0.0 else 1]:
                 layout.prop(hfx, name)
         else:
             layout.prop(hfx, "body")
