@@ -9,7 +9,7 @@ from bl_ui.utils import PresetPanel
 
 from ...authoring import responses
 from ...authoring.clips import strips_of
-from ...authoring.effects import effects, sensation_levels
+from ...authoring.effects import effects
 from ...authoring.painting import PAINTED_EFFECT, canvas_of
 from ...authoring.paths import paths
 from ...authoring.surfaces import surfaces
@@ -97,7 +97,10 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
 def _draw_level(layout: bpy.types.UILayout, effect: bpy.types.Object) -> None:
     """Draw the strength in dB SL; a warning below the detection threshold everywhere."""
     try:
-        text = sensation_levels.level_text(effect)
+        # On use: it loads numpy, and Blender's start does not wait for it.
+        from ...authoring.effects.sensation_levels import level_text
+
+        text = level_text(effect)
     except InputError:
         return  # the panel of the area states the fault
     if text:
