@@ -69,7 +69,8 @@ def add_parser(commands: Any) -> None:
         "--record",
         type=Path,
         metavar="FILE",
-        help="write the values of the device as .csv or .jsonl",
+        help="write the values of the device as .csv or .jsonl, or the touch as .hfxtrack, for any "
+        "export",
     )
     parser.add_argument(
         "--sound",
@@ -102,6 +103,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     """Play until the end; DeviceError for devices that failed."""
     from hfx_blender.devices.configuration import load_device
     from hfx_blender.devices.configurations.person_profile import personal
+    from hfx_blender.engine.track import SUFFIX
     from hfx_blender.files import resources
 
     from ..live_body.felt_bodies import FeltBodies
@@ -114,8 +116,12 @@ def run(options: argparse.Namespace, console: Console) -> int:
     if options.seconds is not None and not 0.0 < options.seconds < np.inf:
         raise UsageError(f"--seconds {options.seconds:g}: expected more than 0")
     suffix = ".csv" if options.record is None else options.record.suffix.lower()
-    if suffix not in _RECORDS or (options.record is not None and len(names) > 1):
-        raise UsageError("--record: expected one --device and a name that ends in .csv or .jsonl")
+    is_track = suffix == SUFFIX
+    if not is_track and (suffix not in _RECORDS or (options.record is not None and len(names) > 1)):
+        raise UsageError(
+            "--record: expected a name that ends in .hfxtrack, or one --device and a name that "
+            "ends in .csv or .jsonl"
+        )
     if not all(abs(metres) <= 10_000.0 for metres in options.at):
         raise UsageError("--at: expected two numbers from -10000 to 10000")
     write_note = console.warn if console.as_json else console.say
@@ -144,7 +150,10 @@ def run(options: argparse.Namespace, console: Console) -> int:
             stack.enter_context(closing(LiveSound(source, settings, options.sound_card)))
         if options.seconds is not None:
             source.end_s = options.seconds
-        if options.record is not None:
+        if is_track:
+            with console.reading(options.file):
+                stack.callback(source.record().write, options.record)
+        elif options.record is not None:
             # Written at every end, so also after Ctrl-C; devices are silent by then.
             rows, device = source.recorded[names[0]], devices[names[0]]
             stack.callback(_RECORDS[suffix], options.record, rows, device)

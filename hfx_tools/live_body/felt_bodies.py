@@ -28,6 +28,7 @@ from .avatar_pose import AvatarPose
 from .controlled_playback import weakened
 from .live_values import LiveValues
 from .player_core import CoreBody
+from .track_recording import TrackRecording
 from .triggered_parts import TriggeredParts, strongest
 
 LOST_S: Final = 0.5
@@ -120,6 +121,8 @@ class FeltBodies:
         self.bodies: dict[str, FeltBody] = {}
         self._worn: dict[str, _Worn] = {}
         self.recorded: dict[str, list[tuple[float, F64]]] = {name: [] for name in devices}
+        self.recording: TrackRecording | None = None
+        self._sections, self._path = sections, str(path)
         self._ports, single = ports, ports.get("")
         for name, device in devices.items():
             record = device_record(sections, device, self._chosen(sections, device), str(path))
@@ -146,6 +149,12 @@ class FeltBodies:
             known = ", ".join(f"'{name}'" for name in self._names[:5])
             raise InputError(f"{path}: it has no body '{unknown[0][:100]}'; there are: {known}.")
 
+    def record(self) -> TrackRecording:
+        """Record the touch of all bodies from now on. Raises InputError as
+        :class:`.TrackRecording`."""
+        self.recording = TrackRecording(self._sections, self.bodies, self._path)
+        return self.recording
+
     def begin(self, client: LiveClient) -> None:
         """Do nothing: values need no scene."""
 
@@ -163,6 +172,10 @@ class FeltBodies:
             self._effects.apply(self._values, body.core)
             if news := body.follow(now_s, seconds):
                 self._say(news)
+            if self.recording is not None and body.state != "waiting":
+                factor = body.factor(now_s) * self._values.gain
+                parameters = self._effects.parameters(self._values)
+                self.recording.add(time_s, body.name, body.core, factor, parameters)
         self.heard(now_s)
         for name in self._worn:
             values = self.values(name, now_s)
@@ -236,6 +249,7 @@ class _Effects:
         # As the core begins: volumes on, painted areas off.
         self._factors = [0.0 if kind else 1.0 for kind in records["kind"]]
 
+        self._values = records["parameters"].astype(np.float64)
         self._levels = records["level"].astype(np.float64)
         self.volumes = [k for k, kind in enumerate(records["kind"]) if not kind]
 
@@ -248,6 +262,18 @@ class _Effects:
             for k in self.volumes
         ]
         return np.asarray(self._levels[self.volumes] * factors)
+
+    def parameters(self, values: LiveValues) -> list[F64]:
+        """Parameters (P,) of each effect in the order of its modality."""
+        return [
+            np.array(
+                [
+                    values.parameters.get((effect, name), value)
+                    for name, value in zip(names, row, strict=False)
+                ]
+            )
+            for effect, names, row in zip(self._names, self._parameters, self._values, strict=True)
+        ]
 
     def places(self, values: LiveValues) -> F64:
         """Places (S, 3) of the volumes in the world, metres."""

@@ -101,13 +101,22 @@ class CoreBody:
         row = np.ascontiguousarray(matrix, np.float32)
         self._core.hfx_body_set_volume(self._self, effect, row.ctypes.data_as(ctypes.c_void_p))
 
-    def touch(self, effect: int) -> float:
-        """Level 0 to 1 of an effect on the skin at the last evaluation; 0 without a touch."""
+    def weights(self, effect: int) -> npt.NDArray[np.float32]:
+        """Weights 0 to 1 of an effect at the last evaluation, for each vertex of its model on this
+        body; empty without the model. A view, changed by the next evaluation."""
         count = ctypes.c_uint32()
         weights = self._core.hfx_body_weights(self._self, effect, ctypes.byref(count))
-        if not count.value or not np.ctypeslib.as_array(weights, (count.value,)).any():
-            return 0.0
+        if not count.value:
+            return np.zeros(0, np.float32)
+        return np.ctypeslib.as_array(weights, (count.value,))
+
+    def level(self, effect: int) -> float:
+        """Level 0 to 1 of an effect at the last evaluation, with the response to the touch."""
         return float(self._core.hfx_body_level(self._self, effect))
+
+    def touch(self, effect: int) -> float:
+        """Level 0 to 1 of an effect on the skin at the last evaluation; 0 without a touch."""
+        return self.level(effect) if self.weights(effect).any() else 0.0
 
     def _check(self, error: int, name: str) -> None:
         if error:

@@ -25,6 +25,7 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from hfx_blender.cli import run
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model, load_skeleton
+from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.scene import (
     AnimationBlock,
@@ -38,7 +39,7 @@ from hfx_blender.engine.scene import (
     SkinBinding,
     TimeBase,
 )
-from hfx_blender.engine.track import TrackHeader
+from hfx_blender.engine.track import TrackHeader, TrackReader
 from hfx_blender.errors import HfxError, InputError, UsageError
 from hfx_blender.formats.clip.clip_writer import write
 from hfx_blender.formats.clip.spatial_recorder import SpatialRecorder
@@ -287,6 +288,55 @@ def test_the_command_feels_and_records(
     assert run(["validate", str(tmp_path / "felt.csv")]) == 0
 
 
+def test_the_touch_is_recorded_as_a_track_for_any_export(clip: Path, tmp_path: Path) -> None:
+    """Levels by hand: the painted palm has the weight .5, felt at factor .8, then .4, then not."""
+    stage = Stage(clip)
+    recording = stage.bodies.record()
+    start_s = stage.now_s
+    stage.bodies.show = _from_zero(stage.bodies.show, start_s)  # type: ignore[method-assign]
+    for _ in range(10):
+        stage.step(poses=True, intensity=0.8)  # at 0.01 to 0.1 s
+    for _ in range(10):
+        stage.step(poses=True, gain=0.5, amplitude_m_s2=6.0)
+    for _ in range(5):
+        stage.step(poses=True, all_mute=1.0)
+    path = tmp_path / "felt.hfxtrack"
+    recording.write(path)
+    assert run(["validate", str(path)]) == 0
+    model = load_model("hfx-vibration-1")
+    palm = np.flatnonzero((model.part == PARTS.index("hand_palm")) & (model.vertices[:, 0] > 0.0))
+    with TrackReader(path) as track:
+        header = track.header
+        assert [(e.name, e.kind) for e in header.effects] == [("Hit #1", "painted")]
+        assert [body.name for body in header.bodies] == ["Anna"]
+        samples = [sample for run in track.runs() for sample in run]
+    assert [round(100 * sample.time_s) for sample in samples] == list(range(1, 21))
+    assert [round(sample.level, 6) for sample in samples] == [0.8] * 10 + [0.4] * 10
+    assert samples[0].parameters.tolist() == [12.0, 160.0]
+    assert samples[-1].parameters.tolist() == [6.0, 160.0]
+    # The clip has 43 of these vertices, and each vertex of the model takes the nearest weight.
+    assert len(set(samples[0].vertices) & set(palm)) > 0.9 * len(palm)
+    assert np.allclose(samples[0].weights, 0.5, atol=1 / 510)
+    # 0.5 * 0.8 * 12 m/s^2, as played; the weight is stored in 1/255.
+    csv_path = tmp_path / "felt.csv"
+    assert run(["convert", str(path), str(csv_path), "--device", "oculus_touch"]) == 0
+    rows = list(csv.reader(csv_path.open(encoding="utf-8")))
+    assert max(float(row[1]) for row in rows[1:]) == pytest.approx(4.8, rel=0.01)
+
+
+def _from_zero(show: Any, start_s: float) -> Any:
+    return lambda client, time_s: show(client, time_s - start_s)
+
+
+def test_a_track_without_a_pose_is_silent(clip: Path, tmp_path: Path) -> None:
+    stage = Stage(clip)
+    recording = stage.bodies.record()
+    stage.step(intensity=0.8)
+    recording.write(tmp_path / "felt.hfxtrack")
+    with TrackReader(tmp_path / "felt.hfxtrack") as track:
+        assert len(track.header.streams) == 1 and not [s for run in track.runs() for s in run]
+
+
 def test_lines_are_recorded_at_their_own_times(tmp_path: Path) -> None:
     """The lines are those of a simulator's log, with seconds from the start of the playback."""
     rows = [(0.0, np.array([4.8, 160.0])), (0.0123456789, np.array([0.0, 160.0]))]
@@ -320,7 +370,7 @@ def free_ports() -> int:
         (["--vmc", "70000"], "expected 1 to 65535"),
         (["--seconds", "nan"], "--seconds nan: expected more than 0"),
         (["--sender", "everyone"], "expected an address"),
-        (["--record", "x.wav"], "--record: expected"),
+        (["--record", "x.wav"], "--record: expected a name that ends in .hfxtrack"),
     ],
 )
 def test_wrong_options_are_one_sentence(
