@@ -61,12 +61,6 @@ class Rendered:
         played = [pair for pair in self.played if pair[0].id not in silent]
         return replace(self, played=played, silent={**self.silent, **silent})
 
-    def complete(self) -> Rendered:
-        """Return this object, or raise ``ScriptError`` if a device has no raster."""
-        for reason in self.silent.values():
-            raise ScriptError(f"{reason}.")
-        return self
-
 
 def rendering(
     track: TrackReader, renderers: Sequence[tuple[DeviceConfig, Renderer]]

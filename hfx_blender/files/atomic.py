@@ -25,7 +25,7 @@ from .locks import LOCKED_BYTE, folder_locked, is_ownerless, locked, take_lock
 _passing: set[Path] = set()
 """Active folders of :func:`passing`."""
 
-_unfinished: dict[Path, Callable[[Path], object]] = {}
+unfinished_paths: dict[Path, Callable[[Path], object]] = {}
 """Unfinished files and folders, with the functions for their removal at a forced end."""
 
 placing = threading.Lock()
@@ -42,7 +42,7 @@ _AT_ONCE: Final = 8  # parallel fsync calls: a disk writes several files in one 
 
 def remove_at_end(path: Path, remove: Callable[[Path], object]) -> None:
     """Register an unfinished file or folder for removal, by ``remove(path)``, at a forced end."""
-    _unfinished[path] = remove
+    unfinished_paths[path] = remove
 
 
 @contextmanager
@@ -52,14 +52,7 @@ def unfinished(path: Path, remove: Callable[[Path], object]) -> Iterator[None]:
     try:
         yield
     finally:
-        _unfinished.pop(path, None)
-
-
-def remove_unfinished() -> None:
-    """Remove registered files and folders, newest first; OSErrors are ignored."""
-    for path, remove in reversed(list(_unfinished.items())):
-        with suppress(OSError):
-            remove(path)
+        unfinished_paths.pop(path, None)
 
 
 @contextmanager
@@ -219,7 +212,7 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
             raise
         raise _unwritable(path, fault) from error
     finally:
-        _unfinished.pop(temporary, None)
+        unfinished_paths.pop(temporary, None)
 
 
 def temporary_name(name: str) -> str:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
@@ -56,14 +55,6 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
                 with suppress(OSError):
                     os.close(owner)
             shutil.rmtree(stage, ignore_errors=True)
-
-
-@contextmanager
-def temporary_folder(prefix: str = "hfx-") -> Iterator[Path]:
-    """Context with a new folder in the system's temporary folder; also removed by signals."""
-    with tempfile.TemporaryDirectory(prefix=prefix, ignore_cleanup_errors=True) as name:
-        with unfinished(Path(name), remove_tree):
-            yield Path(name)
 
 
 def remove_tree(folder: Path) -> None:

@@ -14,7 +14,7 @@ from typing import Any, Final
 from ..files import resources
 from .startup import absolute
 
-_START: Final = Path(__file__).resolve().with_name("child.py")
+CHILD: Final = Path(__file__).resolve().with_name("child.py")
 started: dict[int, weakref.ref[subprocess.Popen[Any]]] = {}
 """Processes of :func:`start` by process id; also ended ones."""
 ended: list[bool] = []  # not empty: this process is ending and starts no process
@@ -34,7 +34,7 @@ def python_command() -> list[str]:
     # -P: a child never imports from the current folder, which may hold downloaded files.
     options = ["-P", "-s"] if sys.flags.no_user_site else ["-P"]
     return [
-        *(sys.executable, *options, str(_START)),
+        *(sys.executable, *options, str(CHILD)),
         os.pathsep.join(dict.fromkeys(filter(os.path.isabs, packages))),
     ]
 
@@ -55,11 +55,6 @@ def start(
     # Weak, as an entry must not keep ended processes alive.
     started[process.pid] = weakref.ref(process)
     return process
-
-
-def is_child() -> bool:
-    """Test that this process was started by :func:`start`."""
-    return str(_START) in sys.orig_argv
 
 
 def environment() -> dict[str, str]:

@@ -35,7 +35,8 @@ from hfx_blender.engine.scene import (
 from hfx_blender.engine.tolerance import STANDARD, Tolerance
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.shape import Falloff
-from hfx_blender.files.staging import temporary_folder
+
+from ..command_process.temporary_folder import temporary_folder
 
 MODEL_ID: Final = "hfx-vibration-1"
 _BLOCK: Final = 32  # times

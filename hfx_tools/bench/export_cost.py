@@ -23,10 +23,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import blender_session
 
 from .. import processes
+from ..command_process.temporary_folder import temporary_folder
 
 _STEP = """
 import bpy, os, sys, time

@@ -31,8 +31,9 @@ from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track.header import TrackBody, TrackEffect, TrackHeader, TrackModel
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import blender_session
+
+from ..command_process.temporary_folder import temporary_folder
 
 if TYPE_CHECKING:
     from hfx_blender.playback.evaluation import Evaluation

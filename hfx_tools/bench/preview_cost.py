@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import blender_session
+
+from ..command_process.temporary_folder import temporary_folder
 
 if TYPE_CHECKING:
     import bpy

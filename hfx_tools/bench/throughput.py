@@ -20,10 +20,10 @@ from typing import Any
 
 from hfx_blender.export.batch import batch
 from hfx_blender.export.batch.units import ExportOptions, Outcome, Unit
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import blender_session
 
 from .. import processes
+from ..command_process.temporary_folder import temporary_folder
 from ..export_workers.local_workers import LocalWorkers
 
 SCENES = 10

@@ -15,7 +15,7 @@ from pathlib import Path
 from hfx_blender.errors import HfxError
 from hfx_blender.files.atomic import remove_at_end
 from hfx_blender.files.staging import remove_tree
-from hfx_blender.processes.start import is_child
+from hfx_blender.processes.start import CHILD
 
 from .signal_watch import end_on_signals
 
@@ -31,7 +31,7 @@ def load() -> None:
     """Import ``bpy``. A signal during the import is recorded; in child processes signals end the
     process at once. Raises HfxError: Blender cannot be loaded; the message names the missing
     packages."""
-    if is_child():
+    if str(CHILD) in sys.orig_argv:  # started by start()
         end_on_signals(at_once=True)
     try:
         with _temporary_folder():

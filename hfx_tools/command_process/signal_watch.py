@@ -163,7 +163,9 @@ def _tidy() -> None:
     """End child processes within 2 s, then remove unfinished files."""
     end_children(_CHILDREN_S)
     with atomic.placing:  # waits while the files of a result are moved into place
-        atomic.remove_unfinished()
+        for path, remove in reversed(list(atomic.unfinished_paths.items())):
+            with suppress(OSError):
+                remove(path)
 
 
 def end_children(limit_s: float) -> None:

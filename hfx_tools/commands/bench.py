@@ -11,8 +11,10 @@ from typing import Any
 from hfx_blender.commands.arguments import add_json
 from hfx_blender.commands.console import Console
 from hfx_blender.errors import UsageError
-from hfx_blender.files.staging import make_folder, temporary_folder
+from hfx_blender.files.staging import make_folder
 from hfx_blender.processes import blender_session
+
+from ..command_process.temporary_folder import temporary_folder
 
 NAMES = ("export", "trade", "volumes", "economy", "naive", "batch", "texture", "relief", "words")
 

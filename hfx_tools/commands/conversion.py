@@ -11,11 +11,9 @@ from pathlib import Path
 from typing import Final
 
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.script_rendering import rendering
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Raster, columns_of
 from hfx_blender.engine.rendering.render import renderers_of_track
-from hfx_blender.engine.stepwise import finish
 from hfx_blender.engine.track import SUFFIX as TRACK_SUFFIX
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError, OutputError, UsageError
@@ -41,6 +39,7 @@ from hfx_blender.formats.written import Written, part_path
 from ..formats import raster_rules
 from ..formats.signal_raster import RATE_HZ, raster_of
 from ..formats.validation import fault_of
+from ..track_rendering import complete
 from . import sound_reading
 
 _START_BYTES: Final = 1 << 16  # bytes compared with those that HFX writes first
@@ -131,7 +130,7 @@ def _of_track(
         # A name is accepted in place of the id.
         ids = (wearer.id for wearer in track.header.bodies if body in (wearer.id, wearer.name))
         renderers = renderers_of_track(track, (config,), [next(ids, body)])
-        rendered = finish(rendering(track, renderers)).complete()
+        rendered = complete(track, renderers)
         # One body and one device were chosen: hence one output.
         ((_, raster),) = rendered.played
         raster_rules.refuse(raster, str(source))

@@ -352,12 +352,12 @@ def _opened(
     from hfx_blender.devices.configuration import load_device
     from hfx_blender.devices.configurations.person_profile import personal
     from hfx_blender.devices.live import live_settings
-    from hfx_blender.devices.live.track_playback import PlayedTrack
     from hfx_blender.engine.track import SUFFIX as TRACK_SUFFIX
     from hfx_blender.files import resources
     from hfx_blender.formats.clip.container import SUFFIX
 
     from .played_clip import PlayedClip
+    from .played_track import PlayedTrackSource
 
     if options.file.name.lower().endswith(SUFFIX):
         devices_of = {
@@ -373,7 +373,7 @@ def _opened(
             f"or a game clip ({SUFFIX}), both written by hfx export."
         )
     # A track is rendered here, by the device's script if any; a clip is rendered already.
-    track = stack.enter_context(PlayedTrack(options.file, options.body))
+    track = stack.enter_context(PlayedTrackSource(options.file, options.body))
     targets = {name: live_settings.named(name) for name in names}
     for device, _ in targets.values():
         personal(device, options.profile)  # raises for a profile without the device

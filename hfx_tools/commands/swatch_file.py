@@ -11,8 +11,9 @@ import bpy
 from hfx_blender.authoring.surfaces import generated_surfaces
 from hfx_blender.errors import OutputError
 from hfx_blender.files.atomic import atomic_file
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.generation import generated
+
+from ..command_process.temporary_folder import temporary_folder
 
 
 def write_blend(record: Path) -> Path:

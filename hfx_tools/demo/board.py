@@ -32,8 +32,9 @@ from hfx_blender.engine.texture.stroke import line
 from hfx_blender.engine.texture.stroke_rendering import render_stroke
 from hfx_blender.errors import OutputError
 from hfx_blender.files.atomic import atomic_file
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.formats.signals import stroke_files
+
+from ..command_process.temporary_folder import temporary_folder
 
 SQUARES = 4
 SQUARE_M = 0.05

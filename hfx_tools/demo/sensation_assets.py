@@ -29,12 +29,12 @@ from hfx_blender.engine.arrays import F64, Bool
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.colouring import COLD, PALETTES, Spread
 from hfx_blender.files.atomic import atomic_file
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.playback.preview.preview_layers import spread_between
 from hfx_blender.playback.timeline.timeline_record import record
 from hfx_blender.processes import blender_session
 
 from ..command_process.signal_watch import leave
+from ..command_process.temporary_folder import temporary_folder
 from ..felt_shares import SKIN, felt_shares
 
 CATALOGS = "blender_assets.cats.txt"

@@ -20,9 +20,11 @@ from typing import Any, Final
 
 from hfx_blender.errors import HfxError
 from hfx_blender.export.batch.units import Outcome, Unit, failure
-from hfx_blender.files.staging import temporary_folder
-from hfx_blender.processes.messages import MessageError, decode_json, json_message
+from hfx_blender.processes.messages import MessageError, decode_json
 from hfx_blender.processes.worker import Worker
+
+from ..command_process.temporary_folder import temporary_folder
+from .unit_messages import encode_unit
 
 _PROCESS: Final = "hfx_tools.export_workers.unit_process"
 
@@ -72,7 +74,7 @@ class UnitWorker:
         if self._count >= RENEW_AFTER:
             self._end()
         worker = self._worker or self._start(limit_s)
-        worker.send(json_message(unit.as_json()))
+        worker.send(encode_unit(unit))
         end = None if limit_s is None else time.monotonic() + limit_s
         while "outcome" not in (answer := self._answer(worker, end)):
             progress(float(answer["progress"]))

@@ -13,13 +13,13 @@ import time
 from functools import partial
 
 from hfx_blender.errors import HfxError
-from hfx_blender.export.batch.units import Unit
 from hfx_blender.export.batch.work import run_safely
 from hfx_blender.processes import blender_session
-from hfx_blender.processes.messages import decode_json, json_message
+from hfx_blender.processes.messages import json_message
 from hfx_blender.processes.worker import Owner
 
 from ..command_process.signal_watch import leave
+from .unit_messages import decode_unit
 
 _INTERVAL_S = 0.2
 """Shortest time between two progress messages, seconds."""
@@ -39,7 +39,7 @@ def main() -> None:
         leave(error.exit_code)
     owner.send(json_message({"ready": True}))
     while True:
-        unit = Unit.from_json(decode_json(owner.receive().body))
+        unit = decode_unit(owner.receive().body)
         owner.send(json_message({"outcome": run_safely(unit, _Progress(owner))}))
 
 

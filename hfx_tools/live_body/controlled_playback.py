@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hfx_blender.devices.live.client import LiveClient
-from hfx_blender.devices.live.track_playback import PlayedTrack
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.samples import SampleRun
 
 from ..commands.playback_loop import ValueSource
+from ..commands.played_track import PlayedTrackSource
 from .live_values import LiveValues
 from .triggered_parts import TriggeredParts, is_strength, strongest
 
@@ -59,7 +59,7 @@ class ControlledSource:
         self._values.take()
         if self._parts is not None:
             self._parts.update(self._values.triggered, time.monotonic())
-        if isinstance(self._source, PlayedTrack):
+        if isinstance(self._source, PlayedTrackSource):
             self._show_track(self._source, client, time_s)
         else:
             self._source.show(_ChangedRows(client, self._changed_row), time_s)  # type: ignore[arg-type]
@@ -71,7 +71,7 @@ class ControlledSource:
             values = strongest([values, *self._parts.values(name, now_s)], device)
         return weakened(values, self._values.gain, device)
 
-    def _show_track(self, track: PlayedTrack, client: LiveClient, time_s: float) -> None:
+    def _show_track(self, track: PlayedTrackSource, client: LiveClient, time_s: float) -> None:
         gains = {state.number: self._values.gain for state in client.devices.values()}
         later_s = {ms: time_s + ms / 1000.0 for ms in track.latencies_ms}
         frame = track.frame(time_s, later_s=later_s, gains=gains)

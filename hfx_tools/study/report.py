@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hfx_blender.files.atomic import atomic_file
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.text import printable
 from hfx_blender.version import __version__
 
 from ..charts import chart
+from ..command_process.temporary_folder import temporary_folder
 from .folder import Study
 from .psychometric import Fit
 

@@ -18,8 +18,8 @@ from hfx_blender.engine.rendering.raster import Raster, columns_of
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
-from hfx_blender.files.staging import temporary_folder
 
+from ..command_process.temporary_folder import temporary_folder
 from .plan import Conditions, Plan, as_text
 
 SUFFIXES: Final = (".hfxtrack", ".hfxclip", ".csv", ".blend")

@@ -80,7 +80,8 @@ def make_raster(amplitudes, frequencies, rate_hz=Fraction(100)):
 
 def waveform(raster):
     """Return samples before rounding, (n, C)."""
-    return np.concatenate([*wav.waveforms(raster, make_device(len(raster.actuators)), RATE)])
+    drives = wav.drives_of(raster, make_device(len(raster.actuators)))
+    return np.concatenate([*wav.waveforms(raster, drives, RATE)])
 
 
 def written(tmp_path, raster):

@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
@@ -14,66 +13,37 @@ from ...engine.rendering.room import SETTING, PlaySpace
 from ...engine.track import TrackReader
 from ...errors import InputError
 from ..workers.live_frame import LiveFrame
-from .client import LiveClient
 
 
 class PlayedTrack:
-    """Open track as a source of values for live devices; a context manager.
+    """Open track as a source of values for live devices.
 
-    ``path``: a ``.hfxtrack`` file.
-    ``body``: name or id of the body with the devices; by default the first body.
+    The attributes ``header`` and ``body_id``, of the first body, are for
+    :meth:`.client.LiveClient.describe`. ``start_s`` and ``end_s`` are the time of the first sample
+    and the end of the last, on the clock of the recorded scene.
 
-    The attributes ``header`` and ``body_id`` are for :meth:`.client.LiveClient.describe`.
-    ``start_s`` and ``end_s`` are the time of the first sample and the end of the last, on the clock
-    of the recorded scene; ``sample_s`` is the interval of samples. :meth:`show` compensates the
-    actuator latencies ``latencies_ms``, empty at first.
-
-    Raises InputError: the file cannot be read, or has no such body.
+    Raises InputError: the ``.hfxtrack`` file cannot be read, or has no body.
     """
 
-    is_rendered = True
-
-    def __init__(self, path: Path, body: str | None = None) -> None:
-        self.path = path
-        self.latencies_ms: Iterable[float] = ()
+    def __init__(self, path: Path) -> None:
         self._reader = TrackReader(path)
         try:
             self.header = of_one_moment(self._reader.header)
-            bodies = self.header.bodies
-            ids = [x.id for x in bodies if body in (None, x.id, x.name)]
-            if not ids:
-                names = ", ".join(f"'{x.name}'" for x in bodies[:5]) or "none"
-                missing = "" if body is None else f" '{body[:100]}'"
-                raise InputError(f"{path}: it has no body{missing}; there are: {names}.")
-            self.body_id = ids[0]
+            if not self.header.bodies:
+                raise InputError(f"{path}: it has no body; there are: none.")
+            self.body_id = self.header.bodies[0].id
             settings = self._reader.header.settings
             self._play_space = PlaySpace.of_settings(settings) if SETTING in settings else None
         except BaseException:
             self.close()
             raise
         self.time = self._reader.header.time
-        self.sample_s = 1.0 / float(self.time.rate_hz)
         self.start_s, last_s = self.time.times_s(np.array([0, self.time.sample_count - 1])).tolist()
-        self.end_s: float = last_s + self.sample_s
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+        self.end_s: float = last_s + 1.0 / float(self.time.rate_hz)
 
     def close(self) -> None:
         """Close the file; may be called again."""
         self._reader.close()
-
-    def begin(self, client: LiveClient) -> None:
-        """Describe the recorded scene to the connected devices."""
-        client.describe(self.header, self.body_id)
-
-    def show(self, client: LiveClient, time_s: float) -> None:
-        """Send the samples of a time to the devices, with later samples for late actuators."""
-        later_s = {ms: time_s + ms / 1000.0 for ms in self.latencies_ms}
-        client.show(self.frame(time_s, later_s=later_s))
 
     def time_s(self, frame: float, fps: float) -> float:
         """Seconds since the scene start of the track at ``frame``; ``fps`` frames a second."""

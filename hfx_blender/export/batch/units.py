@@ -8,11 +8,11 @@ Units and outcomes are JSON, for worker processes.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -46,24 +46,13 @@ class ExportOptions:
             parse_tolerance(self.tolerance)
 
     def as_json(self) -> dict[str, Any]:
-        """Plain data for :meth:`from_json`; options with default values are left out."""
+        """Plain data; options with default values are left out."""
         default = ExportOptions()
         return {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in asdict(self).items()
             if value != getattr(default, name)
         }
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Self:
-        """Options from :meth:`as_json` data; raises ValueError for unknown names."""
-        unknown = set(data) - {option.name for option in fields(cls)}
-        if unknown:
-            raise ValueError(f"unknown options: {', '.join(sorted(unknown))}")
-        values: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value for name, value in data.items()
-        }
-        return cls(**values)
 
 
 Outcome = dict[str, Any]
@@ -92,22 +81,6 @@ class Unit:
     def title(self) -> str:
         """Name of the scene's file in messages."""
         return "the open file" if self.input is None else Path(self.input).name
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain data, for :meth:`from_json`."""
-        return {**asdict(self), "options": self.options.as_json()}
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> Self:
-        return cls(
-            **{
-                **data,
-                "options": ExportOptions.from_json(data["options"]),
-                "part": None if data["part"] is None else tuple(data["part"]),
-                "done": tuple(data["done"]),
-                "piece": None if data["piece"] is None else tuple(data["piece"]),
-            }
-        )
 
 
 def failure(unit: Unit, error: str, exit_code: int, **more: Any) -> Outcome:

@@ -55,7 +55,7 @@ BLOCK_SAMPLES = 1 << 18  # over all channels
 
 
 @dataclass(frozen=True, eq=False)
-class _Drive:
+class Drive:
     """Waves of the channels at the rows of a raster."""
 
     actuators: tuple[str, ...]
@@ -80,7 +80,7 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
         raise ValueError(f"raster is for '{raster.device_id}', not for '{device.id}'")
     if not 8_000 <= rate_hz <= 384_000:
         raise ValueError(f"rate_hz: expected 8000 to 384000, got {rate_hz}")
-    drives = _drives(raster, device)
+    drives = drives_of(raster, device)
     channel_count = len(drives[0].actuators)
     count = sample_count(len(raster.values), raster.rate_hz, rate_hz)
     data_bytes = count * channel_count * _BITS // 8
@@ -105,7 +105,7 @@ def write(raster: Raster, device: DeviceConfig, path: Path, *, rate_hz: int = RA
     )
     with atomic_file(path) as file:
         file.write(head(_BITS, channel_count, rate_hz, count))
-        for block in _waveforms(raster, drives, rate_hz):
+        for block in waveforms(raster, drives, rate_hz):
             file.write(encoded(block, _BITS))
 
 
@@ -117,15 +117,9 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
     return Written(files, losses.beyond_limits(raster, device))
 
 
-def waveforms(raster: Raster, device: DeviceConfig, rate_hz: int = RATE_HZ) -> Iterator[F64]:
-    """Yield blocks of audio samples (n, C) of full scale 1, before quantization. Raises InputError
-    for a device without vibration actuators."""
-    return _waveforms(raster, _drives(raster, device), rate_hz)
-
-
-def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterator[F64]:
-    """Yield blocks of audio samples (n, C) of whole raster rows, the sum of all drives. Samples per
-    row alternate if the rates have no whole ratio."""
+def waveforms(raster: Raster, drives: Sequence[Drive], rate_hz: int) -> Iterator[F64]:
+    """Yield blocks of audio samples (n, C) of whole raster rows, the sum of all drives, of full
+    scale 1, before quantization. Samples per row alternate if the rates have no whole ratio."""
     channel_count = len(drives[0].actuators)
     numerator, denominator = (raster.rate_hz / rate_hz).as_integer_ratio()
     # Whole numbers, rounded up, as times in floats would move a sample to a neighbouring row.
@@ -139,7 +133,7 @@ def _waveforms(raster: Raster, drives: Sequence[_Drive], rate_hz: int) -> Iterat
         yield played
 
 
-def _drives(raster: Raster, device: DeviceConfig) -> list[_Drive]:
+def drives_of(raster: Raster, device: DeviceConfig) -> list[Drive]:
     """One drive of all raster rows and actuators, silent for actuators with waveform output, then a
     drive of each effect on these, from a silent row before it. Raises InputError for a device
     without vibration actuators, or with full scale 0."""
@@ -196,7 +190,7 @@ def _drive(
     full_scale: float,
     raster: Raster,
     first_row: int,
-) -> _Drive:
+) -> Drive:
     """Waves of amplitude and Hz pairs (T, C, 2), clipped to full scale and 1 kHz. The first pair is
     raster row ``first_row``. Silence has the frequency of the adjacent sound."""
     safe = limited(pairs, 0.0, [full_scale, MAX_HZ], 0.0)
@@ -210,7 +204,7 @@ def _drive(
     cycles = np.cumsum((first_hz + last_hz) / 2.0, axis=0) / float(raster.rate_hz)
     repeats = cycles_until_it_repeats(kinds)
     begun = cycles_since_the_beginning(first_hz[:1], first_row / float(raster.rate_hz), repeats)
-    return _Drive(
+    return Drive(
         actuators=actuators,
         amplitudes=amplitudes / full_scale,
         first_hz=first_hz,
@@ -223,7 +217,7 @@ def _drive(
 
 
 def _add_waveform(
-    played: F64, drive: _Drive, raster: Raster, rate_hz: int, first_row: int, starts: I64
+    played: F64, drive: Drive, raster: Raster, rate_hz: int, first_row: int, starts: I64
 ) -> None:
     """Add the output of a drive in place to audio samples (n, C); independent of the block size.
 

@@ -90,11 +90,7 @@ class BodyTracking:
     def __init__(self) -> None:
         self.trackers: list[Tracker] = []
         self.fault = ""  # error that ended the tracking; "" without
-        self._handlers = {
-            "load_pre": self.on_load,
-            "undo_pre": self.on_undo,
-            "redo_pre": self.on_undo,
-        }
+        self._handlers = dict.fromkeys(("load_pre", "undo_pre", "redo_pre"), self.on_end)
 
     def of(self, armature: bpy.types.Object) -> Tracker | None:
         """Tracker of a body; None if not tracked."""
@@ -192,11 +188,8 @@ class BodyTracking:
         redraw("VIEW_3D")
 
     @persistent
-    def on_load(self, *_: object) -> None:
-        self.stop_all()
-
-    @persistent
-    def on_undo(self, *_: object) -> None:
+    def on_end(self, *_: object) -> None:
+        """End the tracking before an undo, a redo and another file."""
         self.stop_all()
 
 

@@ -157,7 +157,7 @@ class TrackSource:
 
     def begin(self, client: LiveClient) -> None:
         assert self.track is not None
-        self.track.begin(client)
+        client.describe(self.track.header, self.track.body_id)
 
     def frame(
         self, scene: bpy.types.Scene, gains: Mapping[int, float], later: Mapping[float, float]

@@ -20,10 +20,10 @@ import numpy as np
 
 from hfx_blender.errors import InputError
 from hfx_blender.files import resources
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import start
 
 from ... import processes
+from ...command_process.temporary_folder import temporary_folder
 from . import safety_borders, safety_silences, safety_stops, safety_values
 
 LIMITS_MS: Final = {

@@ -21,9 +21,9 @@ from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.texture.mcha import MapSettings, blurred_slope, make_map
 from hfx_blender.engine.texture.relief.linear_light import height_from_colour
 from hfx_blender.engine.texture.relief.relief_estimate import estimate
-from hfx_blender.files.staging import temporary_folder
 from hfx_blender.processes import blender_session
 
+from ...command_process.temporary_folder import temporary_folder
 from ...relief import pictures
 from ...relief.families import Relief
 from . import relief_families

@@ -21,8 +21,9 @@ from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.batch import batch
 from hfx_blender.export.batch.batch import ThisProcess
 from hfx_blender.export.batch.units import ExportOptions, Unit
-from hfx_blender.processes.messages import json_message, read_message
+from hfx_blender.processes.messages import read_message
 from hfx_tools.export_workers.local_workers import LocalWorkers
+from hfx_tools.export_workers.unit_messages import encode_unit
 
 bpy = pytest.importorskip("bpy")
 
@@ -289,7 +290,7 @@ def test_a_worker_whose_master_has_gone_ends(moving: Path, tmp_path: Path) -> No
     assert worker.stdin is not None and worker.stdout is not None
     try:
         assert json.loads(read_message(worker.stdout).body) == {"ready": True}
-        worker.stdin.write(json_message(unit.as_json()))
+        worker.stdin.write(encode_unit(unit))
         worker.stdin.flush()
         assert "progress" in json.loads(read_message(worker.stdout).body)
         threading.Thread(target=worker.stdout.read, daemon=True).start()

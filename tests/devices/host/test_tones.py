@@ -224,7 +224,10 @@ def test_a_card_plays_the_samples_of_an_exported_wav(card: Any) -> None:
             for n, a, hz in (("low", 3.0, LOW), ("high", 2.0, HIGH))
         ),
     )
-    rate, samples = wav.RATE_HZ, np.concatenate([*wav.waveforms(raster, PAD)])
+    rate, samples = (
+        wav.RATE_HZ,
+        np.concatenate([*wav.waveforms(raster, wav.drives_of(raster, PAD), wav.RATE_HZ)]),
+    )
     exported = spectrum(samples[rate // 2 : rate, 0], rate)
     for hz, strength in ((LOW, 3.0), (HIGH, 2.0)):
         assert live[hz] == pytest.approx(strength / MOST, rel=1e-3)

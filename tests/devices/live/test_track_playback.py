@@ -28,7 +28,6 @@ from test_render_process import HEADER, STREAMS, places, vibration
 
 from hfx_blender import cli
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live.track_playback import PlayedTrack
 from hfx_blender.devices.workers.live_frame import LiveFrame, decode_live_frame, encode_live_frame
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import TrackWriter
@@ -36,6 +35,7 @@ from hfx_blender.tracking.osc_packets import OscMessage
 from hfx_blender.tracking.receiver import ReceivedMessage
 from hfx_blender.tracking.value_addresses import address_of
 from hfx_tools.commands import playback_loop
+from hfx_tools.commands.played_track import PlayedTrackSource
 from hfx_tools.live_body.controlled_playback import ControlledSource, weakened
 from hfx_tools.live_body.live_values import LiveValues
 
@@ -74,7 +74,7 @@ def test_gain_mute_and_intensity_arrive_by_osc(track: Path) -> None:
             self.moment = moment
 
     receiver, client = Received(), Client()
-    with PlayedTrack(track) as source:
+    with PlayedTrackSource(track) as source:
         name = source.header.effects[0].name
         controlled = ControlledSource(source, LiveValues(receiver), {})  # type: ignore[arg-type]
         (level,) = source.frame(0.75).runs[0].levels
@@ -199,7 +199,7 @@ def test_a_failure_of_the_device_and_a_time_outside_have_their_exit_codes(
 
 
 def test_late_actuators_are_given_later_samples(track: Path) -> None:
-    with PlayedTrack(track) as played:
+    with PlayedTrackSource(track) as played:
         sent = played.frame(0.45, later_s={40.0: 0.49, 60.0: 0.51})
         assert not sent.runs and not sent.later[40.0]
         live_frame = decode_live_frame(encode_live_frame(sent, places()), STREAMS)

@@ -99,7 +99,10 @@ def test_a_wav_holds_the_drive_and_the_raster_the_output(wave: bool) -> None:
 
 
 def _peak(of: DeviceConfig, raster: Raster) -> float:
-    return max(float(np.abs(block).max()) for block in wav.waveforms(raster, of))
+    return max(
+        float(np.abs(block).max())
+        for block in wav.waveforms(raster, wav.drives_of(raster, of), wav.RATE_HZ)
+    )
 
 
 def test_channels_of_a_port_hold_the_drive():

@@ -147,7 +147,9 @@ def test_an_actuator_with_a_frequency_keeps_the_first_of_two_equal_effects():
 
 
 def waveform(device: DeviceConfig, raster: Raster) -> np.ndarray:
-    return np.concatenate([*wav.waveforms(raster, device)])[:, 0]
+    return np.concatenate([*wav.waveforms(raster, wav.drives_of(raster, device), wav.RATE_HZ)])[
+        :, 0
+    ]
 
 
 def spectrum(device: DeviceConfig, raster: Raster) -> dict[float, float]:

@@ -183,7 +183,7 @@ def constant(name: str, amplitude: float, hz: float, rows: int, width: int = 3) 
 
 
 def exported(device: DeviceConfig, raster: Raster) -> np.ndarray:
-    return np.concatenate([*wav.waveforms(raster, device, RATE)])
+    return np.concatenate([*wav.waveforms(raster, wav.drives_of(raster, device), RATE)])
 
 
 def test_a_wav_holds_the_wave_that_a_card_plays() -> None:

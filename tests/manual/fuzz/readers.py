@@ -21,7 +21,6 @@ from hfx_blender.authoring.paths import path_file
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations import imported_layouts
 from hfx_blender.devices.configurations.configuration_reader import device_from
-from hfx_blender.devices.live.track_playback import PlayedTrack
 from hfx_blender.engine.body import model as body_model
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.track import TrackReader
@@ -39,6 +38,7 @@ from hfx_blender.generation.picture_folder import prompt_of
 from hfx_tools.commands.conversion import convert
 from hfx_tools.commands.info import facts_of_report
 from hfx_tools.commands.played_clip import PlayedClip
+from hfx_tools.commands.played_track import PlayedTrackSource
 from hfx_tools.formats import clip_rules, csv_reader, npz_reader
 
 Reader = Callable[[bytes], None]
@@ -273,7 +273,7 @@ def _commands(kind: str, folder: Path) -> Reader:
             if kind == "clip":
                 PlayedClip(path, {"a": load_device("oculus_touch")})
             if kind == "track":
-                with PlayedTrack(path):
+                with PlayedTrackSource(path):
                     pass
         finally:
             shutil.rmtree(folder / "made", ignore_errors=True)
