@@ -18,7 +18,7 @@ import numpy as np
 
 from .arrays import F32, F64, I32, I64, Bool
 from .body.model import PerceptualModel, SkinWeights
-from .response_filters.controls import Filter, FilterKind
+from .response_filters.controls import ContactLaw, Filter, FilterKind
 from .texture.haptic_map import SurfaceTexture
 from .volume.shape import Falloff, Shape
 
@@ -144,15 +144,6 @@ class PaintedArea:
     body_id: str
     vertices: I32  # (n,) ascending
     weights: F32  # (n,) in (0, 1]
-
-
-@dataclass(frozen=True)
-class ContactLaw:
-    """Coefficients of :func:`.contact.contact_force.force`: spring, damper and friction."""
-
-    stiffness_n_m: float
-    damping_n_s_m: float
-    friction: float  # Coulomb coefficient
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,10 @@ import pytest
 from gltf_validator import gltf_faults
 
 from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.response_filters.controls import ContactLaw
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
-    ContactLaw,
     EffectBlock,
     EffectDescription,
     HapticVolume,

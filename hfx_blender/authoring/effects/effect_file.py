@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from ...engine.body.parts import PARTS
 from ...engine.modality import MODALITIES, Modality
-from ...engine.scene import ContactLaw
+from ...engine.response_filters.controls import ContactLaw
 from ...files import kinds
 from ...files.atomic import atomic_file
 from ...files.json_shapes import (

@@ -14,7 +14,7 @@ from ...blender.stored_values import limited
 from ...engine.arrays import F64
 from ...engine.counters import ReadingCounters
 from ...engine.modality import MODALITIES
-from ...engine.scene import ContactLaw
+from ...engine.response_filters.controls import ContactLaw
 from ...engine.volume.mesh import MeshVolume
 from ...engine.volume.shape import Falloff, FalloffKind, Shape
 from ...errors import InputError

@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 
 from ..arrays import F32, F64
-from ..scene import ContactLaw, EffectBlock, PoseBlock
+from ..response_filters.controls import ContactLaw
+from ..scene import EffectBlock, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..volume.nearest_surface import nearest_surface
 from .contact_query import Contacts

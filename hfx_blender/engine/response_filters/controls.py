@@ -76,3 +76,12 @@ class Filter:
         or axis."""
         in_space = self.kind is FilterKind.SINE and self.about is not About.TIME
         return in_space or self.kind is FilterKind.DISTANCE
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Coefficients of :func:`..contact.contact_force.force`: spring, damper and friction."""
+
+    stiffness_n_m: float
+    damping_n_s_m: float
+    friction: float  # Coulomb coefficient

@@ -22,9 +22,9 @@ from ...engine.active_rows import FARTHEST
 from ...engine.arrays import F64, I64
 from ...engine.body.model import PerceptualModel
 from ...engine.modality import MODALITIES, neutral_temperature_c
+from ...engine.response_filters.controls import ContactLaw
 from ...engine.scene import (
     AnimationBlock,
-    ContactLaw,
     EffectDescription,
     HapticVolume,
     SceneDescription,

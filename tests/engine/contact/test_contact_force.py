@@ -13,12 +13,17 @@ from engine_synthetic import BONES, model
 
 from hfx_blender.engine.contact.contact_force import force
 from hfx_blender.engine.evaluate import Engine
-from hfx_blender.engine.response_filters.controls import CONTROLS, WIDTH, Filter, FilterKind
+from hfx_blender.engine.response_filters.controls import (
+    CONTROLS,
+    WIDTH,
+    ContactLaw,
+    Filter,
+    FilterKind,
+)
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,
-    ContactLaw,
     EffectBlock,
     EffectDescription,
     HapticVolume,
