@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from itertools import chain
 from math import ceil, floor
 
@@ -291,12 +291,14 @@ def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
                 key.co_ui.x += frames  # moves the handles too
 
 
-def deselect_all() -> None:
-    """Deselect the NLA strips of all data-blocks, as the NLA Editor moves every selected strip."""
+def deselect_all(but: Container[bpy.types.Object] = ()) -> None:
+    """Deselect the NLA strips of all data-blocks, except of the objects ``but``, as the NLA Editor
+    moves every selected strip."""
     collections = (p for p in bpy.data.bl_rna.properties if p.type == "COLLECTION")
     for owner in chain.from_iterable(getattr(bpy.data, p.identifier) for p in collections):
         data = getattr(owner, "animation_data", None)
-        for track in data.nla_tracks if data is not None and owner.library is None else ():
+        is_kept = data is None or owner.library is not None or owner in but
+        for track in () if is_kept else data.nla_tracks:
             for strip in track.strips:
                 strip.select = False
 
@@ -325,13 +327,17 @@ def _free_track(effect: bpy.types.Object, start: float, end: float) -> bpy.types
     data = effect.animation_data
     # Blender adds a track of another name, below, for a duplicated strip.
     for track in sorted(data.nla_tracks, key=lambda track: not track.name.startswith(_TRACK)):
-        if _is_of_library(effect, track):
-            continue  # Blender saves no additions to a linked track
-        if all(strip.frame_end <= start or strip.frame_start >= end for strip in track.strips):
+        # Blender saves no additions to a linked track.
+        if not _is_of_library(effect, track) and has_room(track, start, end):
             return track
     track = data.nla_tracks.new()
     track.name = _TRACK
     return track
+
+
+def has_room(track: bpy.types.NlaTrack, start: float, end: float) -> bool:
+    """Test a track for no strip, muted or not, in a span of frames; strips may touch the span."""
+    return all(strip.frame_end <= start or strip.frame_start >= end for strip in track.strips)
 
 
 def _is_of_library(effect: bpy.types.Object, track: bpy.types.NlaTrack) -> bool:

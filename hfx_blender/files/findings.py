@@ -78,7 +78,8 @@ def refuse_errors(findings: list[Finding], name: str) -> None:
     """Raise InputError for the first error, with the number of further errors; ignore warnings."""
     errors = [finding for finding in findings if finding.severity == "error"]
     if errors:
-        more = f" (and {len(errors) - 1} more faults)" if len(errors) > 1 else ""
+        count = len(errors) - 1
+        more = f" (and {count} more {'fault' if count == 1 else 'faults'})" if count else ""
         raise InputError(f"{name}: {sentence(errors[0])} [{errors[0].code}]{more}.")
 
 

@@ -85,7 +85,9 @@ def parse(
         raise InputError(f"{name}: is nested too deeply.") from None
     # The parser's hooks know no place: the text is parsed again to find it.
     except ValueError as error:
-        raise InputError(f"{name}: {_located(text) or f'is not valid JSON ({error})'}.") from None
+        raise InputError(
+            f"{name}: {_located(text) or f'the content is not valid JSON ({error})'}."
+        ) from None
 
 
 def read_bytes(path: Path, most: int = MAX_BYTES) -> bytes:

@@ -132,7 +132,7 @@ class HFX_OT_mark_body(_FittingOperator):
     bl_label = "Add Haptic Body"
 
     layer: EnumProperty(
-        name="Layer", description="Meshes to use where clothes cover skin", items=FELT_LAYERS
+        name="Felt On", description="Meshes to use where clothes cover skin", items=FELT_LAYERS
     )
 
     requires = (

@@ -166,6 +166,9 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
                 "hfx.live_add", text=translated(f"Add {facts_of(device).title}"), icon="ADD"
             )
             add.name = device
+        labels = [label for name, label, *_ in FORMAT_ITEMS if name in self.formats]
+        writes = f"Writes {', '.join(labels)}" if labels else "Choose the formats below"
+        draw_wrapped(layout.column(align=True), writes, _LINE, "FILE_TICK")
         layout.label(text="Devices", icon="OUTLINER_OB_FORCE_FIELD")
         draw_devices(context, layout)
         header, body = layout.panel("hfx_export_formats", default_closed=True)
@@ -190,15 +193,22 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             column.prop(self, _box_of("record", name))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        from ..formats.writing import why_nothing
         from ..reading.description import scene_description
+        from ..reading.description.scene_settings import scene_devices
 
         self._is_invoked = True
         # A scene that cannot be exported is refused before the questions of the dialog.
         scene_description.find(context.scene, context.view_layer)
-        # Without devices, the dialog begins without formats of devices: with purpose "Other".
-        has_devices = any(device.is_exported for device in context.scene.hfx.devices)
-        if not has_devices and not self.properties.is_property_set("formats"):
-            self.formats = {"track"}
+        devices, _ = scene_devices(context.scene)
+        if not self.properties.is_property_set("formats"):
+            # A purpose whose formats hold something of the devices, the most special first.
+            fitting = (
+                _PURPOSES[name][2]
+                for name in ("BHAPTICS", "PHONE", "HARDWARE")
+                if devices and not any(why_nothing(id, devices) for id in _PURPOSES[name][2])
+            )
+            self.formats = next(fitting, {"track"})
         return ExportHelper.invoke(self, context, event)  # type: ignore[no-any-return]
 
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:

@@ -77,10 +77,28 @@ def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> No
     context.view_layer.update()
     with context.temp_override(area=area, region=views(area)[-1]):
         bpy.ops.view3d.view_selected(use_all_regions=True)
+    if context.preferences.system.use_region_overlap:
+        _centre_beside_sidebar(area, views(area)[-1])
     for obj in framed:
         obj.select_set(False)
     for obj in before:
         obj.select_set(True)
+
+
+def _centre_beside_sidebar(area: bpy.types.Area, region: bpy.types.Region) -> None:
+    """Move the view of a region by half the width that the sidebar covers."""
+    sidebar = next((r for r in area.regions if r.type == "UI"), None)
+    covered = 0 if sidebar is None else max(region.x + region.width - sidebar.x, 0)
+    if sidebar is None or sidebar.width <= 1 or covered > region.width // 2:
+        return
+    view = region.data
+    view.update()
+    middle = region.width / 2.0, region.height / 2.0
+    places = [
+        view3d_utils.region_2d_to_location_3d(region, view, (x, middle[1]), view.view_location)
+        for x in (middle[0], middle[0] + covered / 2.0)
+    ]
+    view.view_location += places[1] - places[0]
 
 
 def show_locally(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:

@@ -450,8 +450,9 @@ def select_only(context: bpy.types.Context, *objects: bpy.types.Object) -> None:
     """Deselect all objects, then select the given ones in the view layer.
 
     The first becomes active, if in the view layer. In a local view, the objects are added to the
-    view.
+    view. NLA strips of other objects are deselected.
     """
+    clips.deselect_all(objects)
     for selected in context.selected_objects:
         selected.select_set(False)
     # Blender refuses to select objects of excluded collections, which are not in the view layer.
@@ -469,14 +470,17 @@ def is_in_view_layer(context: bpy.types.Context, obj: bpy.types.Object) -> bool:
 
 
 def active_effect(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Active object if an effect, or the only volume emitted by the active object; else None."""
+    """Active object if an effect, or the only volume emitted by the active object or of its shape;
+    else None."""
     # A timer has no active object while areas of the window change.
     obj = getattr(context, "object", None)
     if obj is None or obj.hfx.role == "EFFECT":
         return obj
-    # A particle system or instancer stands for its volume, which is usually hidden itself.
-    emitted = swarms.volumes_of(obj)
-    return emitted[0] if len(emitted) == 1 else None
+    # A particle system or instancer stands for its volume, which is usually hidden itself, and a
+    # mesh for the volume of its shape.
+    shown = swarms.volumes_of(obj) or [o for o in obj.children if o.hfx.shape == "MESH"]
+    volumes = [volume for volume in shown if volume.hfx.role == "EFFECT"]
+    return volumes[0] if len(volumes) == 1 else None
 
 
 def painted_effect(context: bpy.types.Context) -> bpy.types.Object | None:

@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from functools import partial
 
 import bpy
 from mathutils import Quaternion
 
+from ..authoring.effects import effects
+from ..avatars import avatar_meshes
 from ..blender.events import Handlers, add_handlers, call_soon, remove_handlers
 from . import framing
 from .effects.asset_browser import LIBRARY_NAME
@@ -29,8 +31,6 @@ _AGAIN_S = 0.05
 _DRAWN_S = 0.5
 _PATIENCE_S = 30.0
 
-_is_arranging = False  # from the workspace's creation until its areas are arranged
-
 
 def _has_window(context: bpy.types.Context) -> bool:
     return context.window is not None and not bpy.app.background
@@ -45,7 +45,6 @@ class HFX_OT_workspace(HfxOperator):
     requires = ((_has_window, "There is no window"),)
 
     def work(self, context: bpy.types.Context) -> str:
-        global _is_arranging
         workspace = bpy.data.workspaces.get(NAME)
         if workspace is not None:
             context.window.workspace = workspace
@@ -56,8 +55,12 @@ class HFX_OT_workspace(HfxOperator):
         (added,) = set(bpy.data.workspaces) - before
         added.name = NAME
         # Blender shows the workspace after this operator: arrange its areas by a timer.
-        _is_arranging = True
-        _retry(partial(next, _arranging(context.window, added), True))
+        steps, until = _arranging(context.window, added), time.monotonic() + _PATIENCE_S
+
+        def arrange() -> float | None:
+            return _AGAIN_S if not next(steps, True) and time.monotonic() < until else None
+
+        call_soon(arrange, _AGAIN_S)
         return ""
 
 
@@ -113,29 +116,17 @@ _AWAITED: Handlers = {"load_post": replace_cube_by_avatar}
 def _go_to_workspace() -> None:
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         bpy.ops.hfx.workspace()
-    _retry(_frame_avatar)
 
 
-def _frame_avatar() -> bool:
-    """Frame the selected avatar from the front; False until the HFX workspace is arranged."""
-    window = bpy.context.window_manager.windows[0]
-    if window.workspace.name != NAME or _is_arranging:
-        return False
-    with bpy.context.temp_override(window=window):
-        area = framing.viewport(bpy.context)
-        area.spaces.active.region_3d.view_rotation = _FROM_THE_FRONT
-        framing.frame(bpy.context, bpy.context.selected_objects)
-    return True
-
-
-def _retry(step: Callable[[], bool]) -> None:
-    """Call ``step`` by a timer until it returns True, or for 30 s at most."""
-    until = time.monotonic() + _PATIENCE_S
-
-    def retry() -> float | None:
-        return None if step() or time.monotonic() >= until else _AGAIN_S
-
-    call_soon(retry, _AGAIN_S)
+def _frame_bodies(window: bpy.types.Window, viewport: bpy.types.Area) -> None:
+    """Frame the haptic bodies from the front; no effect without any or after closing the area."""
+    with suppress(ReferenceError), bpy.context.temp_override(window=window, area=viewport):
+        context = bpy.context
+        bodies = effects.bodies_of(context.scene)
+        if bodies and context.mode == "OBJECT":
+            viewport.spaces.active.region_3d.view_rotation = _FROM_THE_FRONT
+            meshes = [mesh for body in bodies for mesh in avatar_meshes.meshes_of(body)]
+            framing.frame(context, [*bodies, *meshes])
 
 
 def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iterator[bool]:
@@ -147,7 +138,6 @@ def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iter
     is below all, where its header has room for Blender's buttons; in a low window it is below the
     NLA editor alone. Ends early if the window is closed, or another file opened.
     """
-    global _is_arranging
     with suppress(ReferenceError):
         while window.workspace != workspace:
             yield False
@@ -177,13 +167,13 @@ def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iter
         call_soon(partial(_frame_clips, window, clips), _DRAWN_S)
         while not _show_tab(viewport):
             yield False
-        _is_arranging = False  # the Asset Browser may take longer
+        # By a timer, as the sidebar has no width before its drawing.
+        call_soon(partial(_frame_bodies, window, viewport), _DRAWN_S)
         while browser.spaces.active.params is None:  # until its first drawing
             yield False
         browser.spaces.active.show_region_toolbar = False
         with suppress(TypeError):  # an installation without the library
             browser.spaces.active.params.asset_library_reference = LIBRARY_NAME
-    _is_arranging = False
 
 
 def _close(window: bpy.types.Window, area: bpy.types.Area) -> bool:

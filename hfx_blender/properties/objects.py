@@ -47,8 +47,8 @@ FALLOFFS = (
     ("smooth", "Smooth", "Strength rises with a soft start and end"),
 )
 FELT_LAYERS = (
-    ("VISIBLE", "Visible", "The outermost layer: clothes, or uncovered skin"),
-    ("SKIN", "Skin", "The innermost layer: modelled skin under clothes"),
+    ("VISIBLE", "Clothes and Skin", "The outermost layer: clothes, or uncovered skin"),
+    ("SKIN", "Skin Below Clothes", "The innermost layer: modelled skin under clothes"),
 )
 """Layers of an avatar to fit a body to."""
 
@@ -390,7 +390,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
     follow: _overridable(EnumProperty, "Follow", "Source of the pose of this body", items=FOLLOWS)
     felt_layer: _overridable(
-        EnumProperty, "Layer", "Layer for haptics if clothes cover skin", items=FELT_LAYERS
+        EnumProperty, "Felt On", "Layer for haptics if clothes cover skin", items=FELT_LAYERS
     )
     bone_map: CollectionProperty(
         name="Bones",

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 COLLECTION = "HFX Effects"
 
 ON_A_BODY = ("PAINTED", "SPOT", "ACTUATORS")
+_SHORT = {"temperature": "Heat"}  # in names, as the list of effects is narrow
 """Kinds of effects on a body."""
 
 VERTICES = "hfx_vertices"
@@ -177,7 +178,7 @@ def add_volume(
     scene: bpy.types.Scene, modality: str, shape: str, name: str | None = None
 ) -> bpy.types.Object:
     """Add a volume at the world origin, shown as wires; default name as "Pressure Sphere"."""
-    title = name or f"{modality.title()} {volumes.SHAPE_LABELS[shape]}"
+    title = name or f"{_SHORT.get(modality, modality.title())} {volumes.SHAPE_LABELS[shape]}"
     obj = bpy.data.objects.new(title, bpy.data.meshes.new(title))
     effect = _make_effect(scene, obj, modality, shape)
     volumes.refresh_display(effect)
@@ -194,7 +195,7 @@ def volume_from_mesh(
         raise InputError(f"'{source.name}' is a {source.type.lower()}, not a mesh.")
     # A copy shares the mesh and copies the modifiers, so that edits of the mesh apply to both.
     copy = source.copy()
-    copy.name = name or f"{source.name} {modality.title()}"
+    copy.name = name or f"{source.name} {_SHORT.get(modality, modality.title())}"
     copy.animation_data_clear()
     for constraint in list(copy.constraints):
         copy.constraints.remove(constraint)
@@ -209,7 +210,8 @@ def add_painted(
     scene: bpy.types.Scene, modality: str, body: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
     """Add a painted effect with an empty area; InputError if ``body`` is no haptic body."""
-    effect = add_on_body(scene, modality, body, "PAINTED", name or f"Painted {modality.title()}")
+    name = name or f"Painted {_SHORT.get(modality, modality.title())}"
+    effect = add_on_body(scene, modality, body, "PAINTED", name)
     set_area(effect, [], [])
     return effect
 

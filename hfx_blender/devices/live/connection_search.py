@@ -57,7 +57,8 @@ class Connections:
 def why_not(device: DeviceConfig, kind: str) -> str:
     """Reason why a device cannot have settings of a kind; "" if the device can."""
     if kind == "DEVICE" and not device.outputs:
-        return "No output in the configuration: use the sound card or the log, or export files"
+        plays = "the sound card or the log" if "vibration" in device.modalities else "the log"
+        return f"The configuration has no output: use {plays}, or export files"
     if kind == "AUDIO" and "vibration" not in device.modalities:
         return "A sound card plays vibration only; the device has none"
     if kind == "PAGE" and "vibration" not in device.modalities:

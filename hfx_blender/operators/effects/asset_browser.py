@@ -50,7 +50,7 @@ class HFX_OT_place_dropped(HfxOperator):
             self.report({"WARNING"}, translated(printable("; ".join(faults))))
             return ""
         select_only(context, *objects)
-        return f"Added {len(objects)} effects: {', '.join(effect.name for effect in objects)}"
+        return f"Added {', '.join(effect.name for effect in objects)}"
 
 
 @persistent

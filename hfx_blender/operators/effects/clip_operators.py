@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import ClassVar
 
 import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ...authoring import clips, drawn_fades, painting
-from ...authoring.effects import swarms
+from ...authoring.effects import effects, swarms
 from ...blender.scene_info import animation_fps, frame_at, frames_per_shown_unit, shown_time
 from ...blender.translation import translated
 from ...errors import InputError
@@ -241,6 +242,36 @@ class HFX_OT_draw_fades(_OfEffect):
                 drawn_fades.draw(effect, strip)
                 return f"Edit 'Influence' of '{strip.name}' in the Graph or NLA editor"
         raise InputError(f"Effect '{effect.name}' has no clip '{self.name}'.")
+
+
+def join_tracks() -> None:
+    """Move selected clips of tracks "NlaTrack" to the neighbouring track of their effect with room
+    for all of them: Blender adds a track for clips duplicated in an NLA Editor. No effect without
+    an NLA Editor, and while another operator runs."""
+    context = bpy.context
+    windows = context.window_manager.windows
+    editors = [(w, a) for w in windows for a in w.screen.areas if a.type == "NLA_EDITOR"]
+    if not editors or any(len(window.modal_operators) for window in windows):
+        return
+    window, area = editors[0]
+    for effect in swarms.listed_effects(context.scene):
+        data = effect.animation_data
+        tracks = [] if data is None or effects.is_locked(effect) else [*data.nla_tracks]
+        for lower, upper in pairwise(tracks):
+            added, own = (lower, upper) if lower.name.startswith("NlaTrack") else (upper, lower)
+            moved = [*added.strips]
+            if (
+                added.name.startswith("NlaTrack")
+                and all(strip.select for strip in moved)
+                and all(clips.has_room(own, s.frame_start, s.frame_end) for s in moved)
+            ):
+                clips.deselect_all((effect,))  # the operator moves all selected strips
+                region = framing.views(area)[-1]
+                with context.temp_override(window=window, area=area, region=region):
+                    (bpy.ops.nla.move_up if own == upper else bpy.ops.nla.move_down)()
+                if not added.strips:
+                    data.nla_tracks.remove(added)
+                break
 
 
 class HFX_OT_copy_clips(_OfEffect):

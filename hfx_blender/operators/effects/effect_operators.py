@@ -161,7 +161,7 @@ class HFX_OT_add_painted(OnBodyOperator):
         select_only(context, effect)
         if self.paint:  # from the button of the next step, which leads straight into painting
             bpy.ops.hfx.paint_begin()
-            return "Paint, then press Finish Painting"
+            return ""
         return f"'{effect.name}' has no painted area yet"
 
 

@@ -18,7 +18,7 @@ from ...blender.translation import translated
 from ...errors import HfxError, InputError
 from ...files import kinds, resources
 from ...formats.registry import FORMATS
-from ...text import printable
+from ...text import printable, shortened
 from .. import framing
 from ..shared import (
     EnumItems,
@@ -193,7 +193,7 @@ class HFX_OT_import_hjif(ImportOperator, OnBodyOperator):
             self.report({"WARNING"}, translated(printable(note[:1].upper() + note[1:])))
         if not objects:
             raise InputError(f"{self.filepath}: has nothing that can become an effect.")
-        return f"Added {len(objects)} effects"
+        return f"Added {', '.join(shortened([effect.name for effect in objects], 3))}"
 
 
 class _DroppedFile(bpy.types.FileHandler):

@@ -53,6 +53,10 @@ def _settings_file() -> Any:
     return resources.live_settings().with_name("live_inputs.json")
 
 
+def _port(description: str, default: int) -> IntProperty:
+    return IntProperty(name="Port", description=description, default=default, min=1, max=65535)
+
+
 class _Receiving(LiveOperator):
     """Base of operators that open a port."""
 
@@ -93,20 +97,12 @@ class HFX_OT_track_body(_Receiving):
     requires = ((lambda context: body_to_track(context), "Add a haptic body first"),)
 
     source: EnumProperty(name="Source", description="Origin of the poses", items=SOURCES)
-    port: IntProperty(
-        name="Port",
-        description="Port of the VMC protocol, to which a tracking program sends",
-        default=VMC_PORT,
-        min=1,
-        max=65535,
-    )
+    port: _port("Port of the VMC protocol, to which a tracking program sends", VMC_PORT)
 
     def work(self, context: bpy.types.Context) -> str:
         from ...playback.live.vmc_source import VmcSource
 
         body = body_to_track(context)
-        if body is None:
-            raise InputError("Add a haptic body first")
         if self.source == "VR":
             create_actions_with_session()
             body_tracking.start(body, VrSource())
@@ -170,13 +166,7 @@ class HFX_OT_listen(_Receiving):
     bl_label = "Listen"
     settings = "values"
 
-    port: IntProperty(
-        name="Port",
-        description="Port to which another program sends OSC messages",
-        default=VALUES_PORT,
-        min=1,
-        max=65535,
-    )
+    port: _port("Port to which another program sends OSC messages", VALUES_PORT)
 
     def work(self, _context: bpy.types.Context) -> str:
         listening.stop()  # may have the same port
@@ -222,8 +212,6 @@ class HFX_OT_copy_address(HfxOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         effect = active_effect(context)
-        if effect is None:
-            raise InputError("Select an effect")
         parameters = [*properties_by_parameter(effect), "mute"]
         if self.parameter not in parameters:
             raise InputError(

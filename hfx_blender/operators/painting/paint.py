@@ -94,7 +94,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
             # Show weight 0 in blue: black, the default, would hide the body's shape.
             context.tool_settings.vertex_group_user = "NONE"
             bpy.ops.hfx.paint_status("INVOKE_DEFAULT")
-        return "Paint, then press Finish Painting"
+        return "Paint, then press Finish Painting, or Finish, Add Clip"
 
 
 class HFX_OT_paint_end(HfxOperator):

@@ -24,6 +24,7 @@ from ...blender import compat
 from ...blender.events import add_handlers, call_soon, remove_handlers
 from ...blender.translation import translated
 from ...engine.body.parts import CENTRE, SIDES
+from ...playback.preview.preview import preview
 from .. import framing
 
 _HIDDEN = "hfx_hidden_to_paint"
@@ -33,8 +34,8 @@ The property is saved with the file, and an undo of *Paint* removes it and shows
 copy of the scene refers to the copied objects.
 """
 
-_OPACITY = 0.45
-"""Opacity of Weight Paint's colours: full blue, which means unpainted, would hide the shape."""
+_OPACITY = 0.8
+"""Opacity of Weight Paint's colours: full colours would hide the shape."""
 
 _LEAST_PIXELS, _MOST_PIXELS = 4.0, 500.0
 
@@ -356,8 +357,11 @@ _HANDLERS = {"undo_post": _after_undo, "redo_post": _after_undo, "load_post": _a
 def register() -> None:
     if not bpy.app.background:
         add_handlers(_HANDLERS)
+        preview.on_scene_checked.append(_resume)  # back from another scene
 
 
 def unregister() -> None:
     set_weight_colours(None)
     remove_handlers(_HANDLERS)
+    if _resume in preview.on_scene_checked:
+        preview.on_scene_checked.remove(_resume)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rows of an NLA Editor, found in the pixels that Blender has drawn.
+"""Rows of an NLA Editor, from the order of the channels and the pixels that Blender has drawn.
 
-Rows depend on filters and folded objects, and Blender's API tells none. A row with strips differs
-from the gap above at strips alone.
+Rows depend on folded objects, which Blender's API does not name. A row with strips differs from the
+gap above at strips alone.
 """
 
 from __future__ import annotations
@@ -14,6 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import I32
+
+ANY = -1  # content of a row that may have strips of an action
+
+_folded: set[str] = set()
+"""Names of objects folded at the last drawing of their rows."""
 
 
 def rows_of_tracks(
@@ -28,7 +33,7 @@ def rows_of_tracks(
     unit = round(18.0 * system.ui_scale) + 2.0 * system.pixel_size
     height, gap = (1.2 if context.space_data.show_strip_curves else 0.8) * unit, 0.1 * unit
     ruler = 23.0 * system.ui_scale
-    high = region.view2d.view_to_region(0.0, 0.0, clip=False)[1] - ruler - gap
+    top = region.view2d.view_to_region(0.0, 0.0, clip=False)[1] - ruler - gap
     picture = gpu.state.active_framebuffer_get()
 
     def line(y: float) -> I32:
@@ -37,19 +42,56 @@ def rows_of_tracks(
         pixels.dimensions = 4 * region.width
         return np.array(pixels, np.int32).reshape(region.width, 4)
 
-    pairs = nla_tracks(context)
+    pairs, blocks = _channels(context)
     masks = [strip_mask(region, track) for _, track in pairs]
-    rows: list[tuple[float, list[int]]] = []
-    while pairs and high > height:
+    fitting: list[list[int] | None] = []
+    high = top
+    while pairs and high > 0.5 * height:
+        numbers = None
         if high + gap < region.height - ruler:
             is_filled = (abs(line(high - 0.5 * height) - line(high + 0.5 * gap)) > 2).any(axis=1)
             numbers = [k for k, mask in enumerate(masks) if fits(is_filled, mask)]
-            rows += [(high, numbers)] if numbers else []
+        fitting.append(numbers)
         high -= height + gap
-    certain = certain_tracks([numbers for _, numbers in rows])
-    for (upper, _), number in zip(rows, certain, strict=True):
-        if number is not None:
+    unseen = {k for k, mask in enumerate(masks) if not (mask > 0).any()}
+    tracks = arranged_tracks(fitting, blocks, _folded, unseen)
+    if tracks is None:  # rows of other owners of animation, as materials
+        tracks = certain_tracks([numbers or [] for numbers in fitting])
+    for row, number in enumerate(tracks):
+        is_effect = number is not None and pairs[number][0].hfx.role == "EFFECT"
+        if is_effect and fitting[row] is not None:
+            upper = top - row * (height + gap)
             yield *pairs[number], upper - height, upper
+
+
+def arranged_tracks(
+    fitting: list[list[int] | None],
+    blocks: list[tuple[str, list[int]]],
+    folded: set[str],
+    unseen: set[int],
+) -> list[int | None] | None:
+    """Number of the track of each row, None for a header, from the order of the objects; None
+    instead of a list if other rows have strips.
+
+    ``fitting`` has the tracks with the strips drawn in each row, from the top; None for a row out
+    of view. A block is an object's name and the tracks below its header. ``folded`` are the names
+    of folded objects, updated from the rows in view. Tracks of ``unseen`` have no strip in view.
+    """
+    tracks: list[int | None] = [None] * len(fitting)
+    row = 0
+
+    for name, block in blocks:
+        rows = fitting[row + 1 : row + 1 + len(block)]
+        in_view = [(n, track) for n, track in zip(rows, block, strict=False) if n is not None]
+        if in_view:
+            is_open = all(t == ANY or t in n or (not n and t in unseen) for n, t in in_view)
+            (folded.discard if is_open else folded.add)(name)
+        row += 1
+        if name not in folded:
+            tracks[row : row + len(rows)] = block[: len(rows)]
+            row += len(block)
+    has_others = any(n and t is None for n, t in zip(fitting, tracks, strict=True))
+    return None if has_others else [None if track == ANY else track for track in tracks]
 
 
 def certain_tracks(rows: list[list[int]]) -> list[int | None]:
@@ -58,7 +100,7 @@ def certain_tracks(rows: list[list[int]]) -> list[int | None]:
     at the same times have if some are folded or out of view."""
     lowest: list[int | None] = []
     highest: list[int | None] = []
-    below, above = -1, 1 + max((numbers[-1] for numbers in rows), default=0)
+    below, above = -1, 1 + max((numbers[-1] for numbers in rows if numbers), default=0)
     for numbers in rows:
         lowest.append(next((k for k in numbers if k > below), None))
         below = below if lowest[-1] is None else lowest[-1]
@@ -69,12 +111,32 @@ def certain_tracks(rows: list[list[int]]) -> list[int | None]:
     return [low if low == high else None for low, high in pairs]
 
 
-def nla_tracks(context: bpy.types.Context) -> list[tuple[bpy.types.Object, bpy.types.NlaTrack]]:
-    """Tracks of effects as an NLA Editor sorts the rows, from above."""
-    shown = [o for o in context.view_layer.objects if o.hfx.role == "EFFECT" and o.animation_data]
-    shown.sort(key=lambda effect: effect.name.casefold())
-    animated = ((effect, effect.animation_data) for effect in shown)
-    return [(e, t) for e, d in animated if not d.use_tweak_mode for t in reversed(d.nla_tracks)]
+def _channels(
+    context: bpy.types.Context,
+) -> tuple[list[tuple[bpy.types.Object, bpy.types.NlaTrack]], list[tuple[str, list[int]]]]:
+    """Tracks of all objects with their objects, from above, and blocks of
+    :func:`arranged_tracks`, as an NLA Editor sorts the rows."""
+    filters = context.space_data.dopesheet
+    shown = [
+        obj
+        for obj in context.view_layer.objects
+        if obj.animation_data is not None
+        and (obj.select_get() or not filters.show_only_selected)
+        and (obj.visible_get() or filters.show_hidden)
+    ]
+    if filters.use_datablock_sort:
+        shown.sort(key=lambda obj: obj.name.casefold())
+    pairs: list[tuple[bpy.types.Object, bpy.types.NlaTrack]] = []
+    blocks: list[tuple[str, list[int]]] = []
+    for obj in shown:
+        data = obj.animation_data
+        tracks = [] if data.use_tweak_mode else [*reversed(data.nla_tracks)]
+        numbers = range(len(pairs), len(pairs) + len(tracks))
+        pairs += [(obj, track) for track in tracks]
+        if data.nla_tracks or data.action or filters.show_missing_nla:
+            has_action_row = data.action or filters.show_missing_nla
+            blocks.append((obj.name, [*([ANY] if has_action_row else ()), *numbers]))
+    return pairs, blocks
 
 
 def strip_mask(region: bpy.types.Region, track: bpy.types.NlaTrack) -> I32:

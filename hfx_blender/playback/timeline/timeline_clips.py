@@ -19,6 +19,7 @@ from ...authoring import clips
 from ...authoring.effects import effects, swarms
 from ...authoring.volumes import effect_colour
 from ...blender import events
+from ...blender.translation import translated
 
 _log = logging.getLogger(__name__)
 
@@ -29,6 +30,7 @@ _WANTED_ROWS = 4
 
 _RULER, _BELOW, _GAP = 24.0, 3.0, 1.0
 _POINTS = 96
+_NO_CLIPS = "The clips of effects appear here: press Add Clip"
 _STRIP = (0.1, 0.1, 0.1, 1.0)  # below the envelope of a strip in the NLA Editor
 # Height from which on a row has the effect's name, pixels.
 _TEXT_ROW = 11.0
@@ -165,6 +167,12 @@ def _draw() -> None:
             _view = view
             events.redraw("VIEW_3D")
         _draw_rows(context, _strip_rows(context) if is_nla else _timeline_rows(context))
+        if is_nla and not wanted_height(context) and effects.bodies_of(context.scene):
+            from ..preview.drawing import write
+
+            blf.size(0, 11.0 * context.preferences.system.ui_scale)
+            blf.color(0, 0.7, 0.7, 0.7, 1.0)
+            write(translated(_NO_CLIPS), 0.05 * width, 0.5 * context.region.height, 0.9 * width)
     except Exception:
         _has_failed = True
         _log.exception("clips in the timeline or NLA Editor")

@@ -181,7 +181,7 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         if stored_fits.is_fitted(body):
             layout.operator("hfx.fit_body", icon="FILE_REFRESH")
         else:
-            layout.operator("hfx.mark_body", text="Choose Meshes Again", icon="FILE_REFRESH")
+            layout.operator("hfx.mark_body", text="Choose Other Meshes", icon="FILE_REFRESH")
         layout.operator_menu_enum("hfx.show_model", "model", icon="HIDE_OFF")
 
 

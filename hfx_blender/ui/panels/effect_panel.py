@@ -89,8 +89,10 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             for name in ("stiffness", "damping", "friction")[: 3 if hfx.stiffness > 0.0 else 1]:
                 layout.prop(hfx, name)
         else:
-            layout.prop(hfx, "body")
-            if effects.body_in(context.scene, effect) is None:
+            is_bodiless = effects.body_in(context.scene, effect) is None
+            if is_bodiless or len(effects.bodies_of(context.scene)) > 1:
+                layout.prop(hfx, "body")
+            if is_bodiless:
                 draw_moving(context, layout, "ACTIVE")
 
 
@@ -262,9 +264,6 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
             row = layout.row()
         row.operator("hfx.area_atlas", icon="UV")
         layout.operator_menu_enum("hfx.fill_part", "part", icon="MOD_ARMATURE")
-        row = layout.row(align=True)
-        for action, label in (("grow", "Grow"), ("shrink", "Shrink"), ("smooth", "Smooth")):
-            row.operator("hfx.area_filter", text=label).action = action
 
 
 class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
@@ -276,9 +275,9 @@ class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
-        row = layout.row(align=True)
-        for action, label in (("invert", "Invert"), ("clear", "Clear")):
-            row.operator("hfx.area_filter", text=label).action = action
+        grid = layout.grid_flow(columns=3, align=True, row_major=True)
+        for action in ("grow", "shrink", "smooth", "invert", "clear"):
+            grid.operator("hfx.area_filter", text=action.title()).action = action
         layout.operator_menu_enum("hfx.area_mirror", "action", icon="MOD_MIRROR")
         column = layout.column(align=True)
         column.operator("hfx.area_from_selection", icon="RESTRICT_SELECT_OFF")

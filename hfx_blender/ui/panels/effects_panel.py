@@ -17,7 +17,7 @@ from ..menus import draw_first_step, draw_paint_menu
 from ..sidebar import HfxPanel, draw_text
 from . import clip_waveforms, list_rows
 
-_LEAST_ROWS, _MOST_ROWS = 3, 10  # height of the list of effects
+_LEAST_ROWS, _MOST_ROWS = 2, 10  # height of the list of effects
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
 _NO_EFFECT = "Add an effect: a volume in space, an area painted on the body, or a sensation"
 SLOW = (
@@ -145,12 +145,14 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
             row.operator("hfx.copy_clips", text="", icon="COPYDOWN")
         # A check of the scene rebuilds the rows after this drawing: their number may differ here.
         rows = enumerate(zip(strips, context.window_manager.hfx_clips, strict=False))
-        order = {k: (not strip.select, strip.frame_start) for k, (_, strip) in enumerate(strips)}
-        # Selected clips first: these are the clips just added, or chosen in the NLA Editor.
-        for number, ((_, strip), times) in sorted(rows, key=lambda row: order[row[0]]):
+        has_selected = any(strip.select for _, strip in strips)
+        for number, ((_, strip), times) in sorted(rows, key=lambda row: row[1][0][1].frame_start):
             box = layout.box()
             box.enabled = not effects.is_locked(effect)
-            _draw_clip(box, strip, times, clip_waveforms.icon(context, effect, strip, number))
+            _draw_head(box.row(align=True), strip, times)
+            # Only selected clips in full: the clips just added, or chosen in the NLA Editor.
+            if strip.select or not has_selected:
+                _draw_clip(box, strip, times, clip_waveforms.icon(context, effect, strip, number))
             outside = clips.outside_scene(context.scene, strip)
             if outside is not None:
                 column = box.column()
@@ -161,19 +163,25 @@ class HFX_PT_clips(HfxPanel, bpy.types.Panel):
             layout.label(text="No clips: on for the whole timeline", icon="INFO")
 
 
+def _draw_head(
+    row: bpy.types.UILayout, strip: bpy.types.NlaStrip, times: bpy.types.PropertyGroup
+) -> None:
+    icon = "LAYER_ACTIVE" if strip.select else "LAYER_USED"
+    row.prop(strip, "select", text="", icon=icon, emboss=False)
+    row.prop(strip, "name", text="")
+    if not strip.select:
+        row.label(text=f"{times.start:.4g} - {times.end:.4g}", translate=False)
+    row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
+    row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
+    row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
+
+
 def _draw_clip(
     box: bpy.types.UILayout,
     strip: bpy.types.NlaStrip,
     times: bpy.types.PropertyGroup,
     waveform: int,
 ) -> None:
-    row = box.row(align=True)
-    icon = "LAYER_ACTIVE" if strip.select else "LAYER_USED"
-    row.prop(strip, "select", text="", icon=icon, emboss=False)
-    row.prop(strip, "name", text="")
-    row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
-    row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
-    row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
     row = box.row()
     row.template_icon(waveform, scale=4.0)
     column = row.column(align=True)

@@ -27,7 +27,7 @@ from ...blender.events import push_undo_soon
 from ...blender.scene_info import frame_at, frames_per_shown_unit, shown_time
 from ...engine.modality import MODALITIES
 from ...errors import InputError
-from ...operators.effects.clip_operators import TIMES, label_of
+from ...operators.effects.clip_operators import TIMES, join_tracks, label_of
 from ...operators.shared import (
     HfxOperator,
     active_effect,
@@ -75,6 +75,7 @@ def _in_order(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 def refresh() -> None:
     """Rebuild rows if the scene's effects, or the number of the active effect's clips, have
     changed; never call this while Blender draws."""
+    join_tracks()
     manager = bpy.context.window_manager
     new_rows = rows_of(bpy.context.scene)
     if [(row.effect, row.group) for row in manager.hfx_rows] != new_rows:
@@ -228,11 +229,11 @@ class HFX_UL_effects(bpy.types.UIList):
         if not row_effects:  # deleted or renamed since the last check
             layout.label(text=row.name, translate=False)
             return
-        line = layout.row(align=True)
+        column = layout.column(align=True)
+        line = column.row(align=True)
         has_several = bool(row.effect) and len(effects.bodies_of(context.scene)) > 1
         shows_body = has_several and row_effects[0].hfx.kind in effects.ON_A_BODY
-        names = line.split(factor=0.7, align=True) if shows_body else line
-        title = names.row(align=True)
+        title = line.row(align=True)
         strips = clips.strips_of(row_effects[0]) if row.effect else []
         title.alert = any(
             effects.needs_body(context.scene, effect) for effect in row_effects
@@ -245,7 +246,10 @@ class HFX_UL_effects(bpy.types.UIList):
             title.prop(effect, "name", text="", icon=icon, emboss=False)
             if shows_body:
                 body = effects.body_in(context.scene, effect)
-                names.label(text="" if body is None else body.name, translate=False)
+                below = column.row()
+                below.scale_y, below.active = 0.7, False
+                text = "" if body is None else body.name
+                below.label(text=text, icon="BLANK1", translate=False)
             title.active = not effects.is_locked(effect)
             if not title.active:
                 line.label(text="", icon="LINKED")

@@ -105,7 +105,7 @@ class HFX_PT_live(HfxPanel, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator_menu_enum("hfx.live_add", "name", icon="ADD")
         row.operator("hfx.live_find", icon="VIEWZOOM")
-        row.operator("hfx.live_import", text="", icon="IMPORT")
+        layout.operator("hfx.live_import", icon="IMPORT")
         layout.operator("hfx.live_phone", icon="URL")
         layout.operator("hfx.run_study", icon="COMMUNITY")
         if hfx.devices:

@@ -279,11 +279,15 @@ def test_the_panel_shows_what_the_effect_has(
 def test_the_panel_of_a_painted_effect_and_while_it_is_painted(scene: Any) -> None:
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_painted(modality="pressure")
-    shown = drawn(effect_panel.HFX_PT_effect.draw, bpy.context)
-    assert "body" in shown
+    effect = bpy.context.object
+    assert "body" not in drawn(effect_panel.HFX_PT_effect.draw, bpy.context)
+    bpy.ops.hfx.add_avatar()
+    bpy.context.view_layer.objects.active = effect
+    assert "body" in drawn(effect_panel.HFX_PT_effect.draw, bpy.context)  # a choice
     area = drawn(effect_panel.HFX_PT_area.draw, bpy.context)
-    assert {"hfx.paint_begin", "hfx.fill_part", "hfx.area_filter"} <= set(area)
-    assert "hfx.area_copy" in drawn(effect_panel.HFX_PT_area_transfer.draw, bpy.context)
+    assert {"hfx.paint_begin", "hfx.fill_part"} <= set(area)
+    more = drawn(effect_panel.HFX_PT_area_transfer.draw, bpy.context)
+    assert more.count("hfx.area_filter") == 5 and "hfx.area_copy" in more
     bpy.ops.hfx.paint_begin()
     assert drawn(effect_panel.HFX_PT_effect.draw, bpy.context) == ["Painting 'Painted Pressure'"]
     area = drawn(effect_panel.HFX_PT_area.draw, bpy.context)
@@ -397,18 +401,21 @@ def test_address_and_code_of_a_page_are_above_every_notice(
     assert shown.count("042137") == 1
 
 
-def test_the_panel_shows_selected_clips_first(scene: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_panel_shows_clips_in_the_order_of_time_and_times_of_the_selected(
+    scene: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name="Gust")
     for frame in (50.0, 1.0, 100.0):
         bpy.ops.hfx.add_clip(start=frame)
     list_rows.refresh()
     layout = Layout()
-    drawn_clips = []
-    monkeypatch.setattr(
-        layout, "prop", lambda owner, name, **_: drawn_clips.append(owner) if name == "name" else 0
-    )
+    drawn_props = []
+    monkeypatch.setattr(layout, "prop", lambda owner, name, **_: drawn_props.append((owner, name)))
     effects_panel.HFX_PT_clips.draw(SimpleNamespace(layout=layout), bpy.context)
-    assert [strip.frame_start for strip in drawn_clips] == [100.0, 1.0, 50.0], "the clip just added"
+    names = [owner.frame_start for owner, name in drawn_props if name == "name"]
+    assert names == [1.0, 50.0, 100.0]
+    starts = [owner.start for owner, name in drawn_props if name == "start"]
+    assert starts == [100.0], "the clip just added"
 
 
 def test_switches_of_a_linked_effect_are_those_of_the_object(

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Strips of effects in the NLA Editor have colour and envelope at each resolution scale."""
+"""Strips of effects in the NLA Editor have colour and envelope at each resolution scale, below
+folded effects, and with rows out of view."""
 
 from __future__ import annotations
 
@@ -46,6 +47,31 @@ def steps(h: Any) -> Iterator[float]:
             names = [effect.name for effect, *_ in drawn]
             if names != sorted(modality.title() for modality in CLIPS):
                 faults.append(f"{scale:g}: {names}")
+        view.ui_scale = 1.0
+        with h.context("NLA_EDITOR"):
+            for number in range(40):  # more rows than fit, all at the same times
+                bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name=f"A{number:02d}")
+                bpy.ops.hfx.add_clip(start=10.0, duration=1.0)
+        yield 2.0
+        h.shot("many.png")
+        names = [effect.name for effect, *_ in drawn]
+        expected = [f"A{number:02d}" for number in range(40)][: len(names)]
+        if len(names) < 15 or names != expected:
+            faults.append(f"cut off: {names}")
+        with bpy.context.temp_override(window=h.window, area=area, region=region):
+            bpy.ops.view2d.pan(deltax=0, deltay=-200)
+        yield 1.0
+        h.shot("scrolled.png")
+        first = min((effect.name for effect, *_ in drawn), default="")
+        if first not in ("A04", "A05"):
+            faults.append(f"scrolled: {first}")
+        with bpy.context.temp_override(window=h.window, area=area, region=region):
+            bpy.ops.view2d.pan(deltax=0, deltay=200)
+            bpy.ops.anim.channels_collapse(all=True)
+        yield 1.0
+        h.shot("folded.png")
+        if drawn:
+            faults.append(f"folded: {[effect.name for effect, *_ in drawn]}")
     finally:
         nla_rows.rows_of_tracks = finding
         view.ui_scale = 1.0
