@@ -87,18 +87,14 @@ def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> No
 
 def _centre_beside_sidebar(area: bpy.types.Area, region: bpy.types.Region) -> None:
     """Move the view of a region by half the width that the sidebar covers."""
-    sidebar = next((r for r in area.regions if r.type == "UI"), None)
-    covered = 0 if sidebar is None else max(region.x + region.width - sidebar.x, 0)
-    if sidebar is None or sidebar.width <= 1 or covered > region.width // 2:
-        return
+    sidebar = next(r for r in area.regions if r.type == "UI")
+    covered = region.x + region.width - sidebar.x if sidebar.width > 1 else 0
     view = region.data
     view.update()
-    middle = region.width / 2.0, region.height / 2.0
-    places = [
-        view3d_utils.region_2d_to_location_3d(region, view, (x, middle[1]), view.view_location)
-        for x in (middle[0], middle[0] + covered / 2.0)
-    ]
-    view.view_location += places[1] - places[0]
+    right = view.view_matrix.inverted().col[0].to_3d()
+    depth = (view.perspective_matrix @ view.view_location.to_4d()).w
+    unit = view.window_matrix[0][0] * region.width / 2.0  # pixels of a unit at depth 1
+    view.view_location += right * (0.5 * max(covered, 0) * depth / unit)
 
 
 def show_locally(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:

@@ -228,13 +228,10 @@ def end_wait(_self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     remove_handlers(_AWAITED)
 
 
-def _window_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.separator()
-    self.layout.operator(HFX_OT_workspace.bl_idname, icon="WORKSPACE")
-
-
 ENTRIES = {
-    "TOPBAR_MT_window": _window_menu,
+    "TOPBAR_MT_window": lambda menu, _context: menu.layout.operator(
+        HFX_OT_workspace.bl_idname, icon="WORKSPACE"
+    ),
     "TOPBAR_MT_file_new": draw_new_menu,  # also of Ctrl+N
     "TOPBAR_MT_file": end_wait,  # Defaults > Load Factory Settings begins a file, too
     "WM_MT_splash": end_wait,

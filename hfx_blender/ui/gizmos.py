@@ -32,7 +32,7 @@ _COLOURS = ((0.9, 0.25, 0.3), (0.45, 0.75, 0.15), (0.2, 0.5, 0.95))
 
 def offset(effect: bpy.types.Object, axis: int) -> float:
     """Distance of the volume's boundary from its centre along a local axis, world units. KeyError
-    for an axis without its own size (:func:`_has`)."""
+    for an axis without its own size."""
     name, component, share = _AXES[effect.hfx.shape][axis]
     value = getattr(effect.hfx, name)
     length = value if component < 0 else value[component]
@@ -67,20 +67,16 @@ def shown_offset(axis: int) -> float:
     """Offset of a gizmo of the active volume; 0 without such a gizmo."""
     # Blender also queries hidden gizmos: Y of a sphere, all of a deleted volume.
     effect = active_effect(bpy.context)
-    return offset(effect, axis) if effect is not None and _has(effect, axis) else 0.0
+    return offset(effect, axis) if effect and axis in _AXES.get(effect.hfx.shape, {}) else 0.0
 
 
 def drag_offset(axis: int, distance: float) -> None:
     """Set the offset of a gizmo of the active volume; no effect without such a gizmo."""
     effect = active_effect(bpy.context)
-    if effect is not None and _has(effect, axis):
+    if effect and axis in _AXES.get(effect.hfx.shape, {}):
         set_offset(effect, axis, distance)
         if not compat.GIZMOS_MAKE_UNDO_STEPS:
             push_undo_soon()
-
-
-def _has(effect: bpy.types.Object, axis: int) -> bool:
-    return axis in _AXES.get(effect.hfx.shape, {})
 
 
 class _ViewportGizmos:

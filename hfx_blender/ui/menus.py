@@ -189,14 +189,6 @@ def draw_strip_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         self.layout.operator("hfx.feel_sound", icon="VIEW_PAN").strip = strip.name
 
 
-def draw_export_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator("hfx.export", text="Haptics (.hfxtrack)")
-
-
-def draw_import_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
-    self.layout.operator("hfx.import_hjif", text="Haptics (.hjif, .haptic, .ahap)")
-
-
 def draw_paint_menu(layout: bpy.types.UILayout, text: str = "Paint an Effect") -> None:
     """Draw the menu of modalities that adds an effect and starts painting."""
     menu = layout.operator_menu_enum("hfx.add_painted", "modality", text=text, icon="BRUSH_DATA")
@@ -264,8 +256,12 @@ _ENTRIES = {
     "NLA_MT_add": draw_nla_menu,
     "SEQUENCER_MT_context_menu": draw_strip_menu,
     "SEQUENCER_MT_strip": draw_strip_menu,
-    "TOPBAR_MT_file_export": draw_export_menu,
-    "TOPBAR_MT_file_import": draw_import_menu,
+    "TOPBAR_MT_file_export": lambda menu, _context: menu.layout.operator(
+        "hfx.export", text="Haptics (.hfxtrack)"
+    ),
+    "TOPBAR_MT_file_import": lambda menu, _context: menu.layout.operator(
+        "hfx.import_hjif", text="Haptics (.hjif, .haptic, .ahap)"
+    ),
 }
 
 

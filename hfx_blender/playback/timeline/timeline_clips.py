@@ -78,14 +78,6 @@ def _timeline_rows(context: bpy.types.Context) -> Iterator[Row]:
         yield name, low, low + height - _GAP * scale, strips
 
 
-def _strip_rows(context: bpy.types.Context) -> Iterator[Row]:
-    """Rows of an NLA Editor with strips of effects."""
-    from . import nla_rows  # not needed at Blender's start
-
-    for effect, track, low, high in nla_rows.rows_of_tracks(context):
-        yield "", low, high, [(effect, track, strip) for strip in track.strips]
-
-
 def _draw_rows(context: bpy.types.Context, rows: Iterable[Row]) -> None:
     """Draw envelopes of clips in colours of modalities, pale where muted, with names where there is
     room. A selected strip of the NLA Editor has a white border."""
@@ -166,10 +158,15 @@ def _draw() -> None:
             # The time axis of the values in viewports is that of the timeline.
             _view = view
             events.redraw("VIEW_3D")
-        _draw_rows(context, _strip_rows(context) if is_nla else _timeline_rows(context))
-        if is_nla and not wanted_height(context) and effects.bodies_of(context.scene):
-            from ..preview.drawing import write
+        if not is_nla:
+            _draw_rows(context, _timeline_rows(context))
+            return
+        from ..preview.drawing import write  # modules not needed at Blender's start
+        from .nla_rows import rows_of_tracks
 
+        rows = rows_of_tracks(context)
+        _draw_rows(context, (("", *ends, [(e, t, s) for s in t.strips]) for e, t, *ends in rows))
+        if not wanted_height(context) and effects.bodies_of(context.scene):
             blf.size(0, 11.0 * context.preferences.system.ui_scale)
             blf.color(0, 0.7, 0.7, 0.7, 1.0)
             write(translated(_NO_CLIPS), 0.05 * width, 0.5 * context.region.height, 0.9 * width)

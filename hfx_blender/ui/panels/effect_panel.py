@@ -275,9 +275,10 @@ class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
 
     def draw(self, _context: bpy.types.Context) -> None:
         layout = self.layout
-        grid = layout.grid_flow(columns=3, align=True, row_major=True)
-        for action in ("grow", "shrink", "smooth", "invert", "clear"):
-            grid.operator("hfx.area_filter", text=action.title()).action = action
+        for actions in (("grow", "shrink", "smooth"), ("invert", "clear")):
+            row = layout.row(align=True)
+            for action in actions:
+                row.operator("hfx.area_filter", text=action.title()).action = action
         layout.operator_menu_enum("hfx.area_mirror", "action", icon="MOD_MIRROR")
         column = layout.column(align=True)
         column.operator("hfx.area_from_selection", icon="RESTRICT_SELECT_OFF")

@@ -357,7 +357,7 @@ def test_the_export_panel_and_the_menus(scene: Any) -> None:
     assert drawn(effects_panel.HFX_PT_sampling.draw, bpy.context) == ["rate", "tolerance"]
     assert "hfx.volume_from_mesh" in drawn(menus.HFX_MT_add.draw, bpy.context)
     assert drawn(menus.draw_add_menu, bpy.context) == ["HFX_MT_add"]
-    assert drawn(menus.draw_export_menu, bpy.context) == ["hfx.export"]
+    assert drawn(menus._ENTRIES["TOPBAR_MT_file_export"], bpy.context) == ["hfx.export"]
 
 
 def test_the_context_menu_is_that_of_the_active_object(scene: Any) -> None:
