@@ -33,7 +33,9 @@ def rows_of_tracks(
     unit = round(18.0 * system.ui_scale) + 2.0 * system.pixel_size
     height, gap = (1.2 if context.space_data.show_strip_curves else 0.8) * unit, 0.1 * unit
     ruler = 23.0 * system.ui_scale
-    top = region.view2d.view_to_region(0.0, 0.0, clip=False)[1] - ruler - gap
+    # Not by view_to_region, whose whole pixels may lie on the border of a strip.
+    low, up = (region.view2d.region_to_view(0.0, y)[1] for y in (0.0, region.height))
+    top = region.height * low / (low - up) - ruler - gap
     picture = gpu.state.active_framebuffer_get()
 
     def line(y: float) -> I32:

@@ -59,5 +59,19 @@ def test_tracks_are_in_the_order_of_the_editor(effect: Any) -> None:
     air = bpy.context.object
     clips.add_clip(air, 10, 20)
     clips.add_clip(air, 15, 25)  # needs a second track, shown above the first
-    shown = [(e.name, t.strips[0].frame_start) for e, t in nla_rows.nla_tracks(bpy.context)]
+    filters = SimpleNamespace(
+        show_only_selected=False,
+        show_hidden=False,
+        use_datablock_sort=True,
+        show_missing_nla=False,
+    )
+    editor = SimpleNamespace(dopesheet=filters)
+    context = SimpleNamespace(view_layer=bpy.context.view_layer, space_data=editor)
+    pairs, blocks = nla_rows._channels(context)
+    shown = [(e.name, t.strips[0].frame_start) for e, t in pairs]
     assert shown == [("air", 15.0), ("air", 10.0), ("Ball", 10.0)]
+    assert blocks == [("air", [0, 1]), ("Ball", [2])]
+    filters.show_missing_nla = True  # adds a row for the missing action of each object
+    assert nla_rows._channels(context)[1] == [("air", [-1, 0, 1]), ("Ball", [-1, 2])]
+    filters.show_only_selected = True
+    assert nla_rows._channels(context)[1] == [("air", [-1, 0, 1])]
