@@ -136,8 +136,8 @@ def _channels(
         numbers = range(len(pairs), len(pairs) + len(tracks))
         pairs += [(obj, track) for track in tracks]
         if data.nla_tracks or data.action or filters.show_missing_nla:
-            has_action_row = data.action or filters.show_missing_nla
-            blocks.append((obj.name, [*([ANY] if has_action_row else ()), *numbers]))
+            action = [ANY] if data.action or filters.show_missing_nla else []
+            blocks.append((obj.name, [*action, *numbers]))
     return pairs, blocks
 
 

@@ -248,8 +248,7 @@ class HFX_UL_effects(bpy.types.UIList):
                 body = effects.body_in(context.scene, effect)
                 below = column.row()
                 below.scale_y, below.active = 0.7, False
-                text = "" if body is None else body.name
-                below.label(text=text, icon="BLANK1", translate=False)
+                below.label(text=body.name if body else "", icon="BLANK1", translate=False)
             title.active = not effects.is_locked(effect)
             if not title.active:
                 line.label(text="", icon="LINKED")

@@ -240,7 +240,9 @@ class Driver:
     def submenu(self, row: Point) -> Iterator[float]:
         """Point at a row of an open menu; the rows of the submenu, opened to the right."""
         yield from self.move(*row)
-        for _ in range(5):  # a busy computer draws late
+        for attempt in range(15):  # a busy computer draws late, and may miss a movement
+            if attempt % 5 == 4:
+                yield from self.move(row[0] + attempt - 10, row[1])
             yield 0.6
             rows = yield from self.menu_rows()
             right = [position for position in rows if position[0] - row[0] > 40]

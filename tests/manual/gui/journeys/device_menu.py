@@ -53,9 +53,10 @@ def dialog(h: Any, name: str, kind: int, shot: str, is_field_open: bool = False)
     devices[name].is_expanded = False
     yield 0.6
     before = yield from h.radios()
-    yield from h.press_button("HFX_OT_live_connect")
     kinds = []
-    for _ in range(10):  # a busy computer draws late
+    for attempt in range(12):  # a busy computer draws late, and may miss a click
+        if attempt % 6 == 0:
+            yield from h.press_button("HFX_OT_live_connect")
         yield 0.8
         shown = yield from h.radios()
         kinds = [place for place in shown if place not in before]
