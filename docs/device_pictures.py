@@ -37,7 +37,12 @@ def draw(name: str, path: Path) -> None:
     places = _places(device)
     low, high = _frame(avatar.vertices.astype(np.float64), places, device)
     size = high - low
-    figure, axes = plt.subplots(1, 2, figsize=(2 * 2.6 * size[0] / size[1] + 0.4, 2.8), dpi=110)
+    # About square, as the panel in Blender is: wide views stand one above the other.
+    if size[0] > size[1]:
+        shape, wide, tall = (2, 1), 3.6, 2 * 3.6 * size[1] / size[0] + 0.4
+    else:
+        shape, wide, tall = (1, 2), 2 * 2.6 * size[0] / size[1] + 0.4, 2.8
+    figure, axes = plt.subplots(*shape, figsize=(wide, tall), dpi=110)
     for (title, facing), panel in zip(_VIEWS, axes, strict=True):
         _draw_body(panel, avatar, facing)
         for actuator, point in zip(device.actuators, places, strict=True):
