@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rows of an NLA Editor, from the order of the channels and the pixels that Blender has drawn.
 
-Rows depend on folded objects, which Blender's API does not name. A row with strips differs from the
-gap above at strips alone.
+Rows depend on folded objects, which Blender's API does not name. A row with strips differs from its
+background at strips alone.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Iterator
 
 import bpy
 import numpy as np
-import numpy.typing as npt
 
 from ...engine.arrays import I32
 
@@ -51,8 +50,8 @@ def rows_of_tracks(
     while pairs and high > 0.5 * height:
         numbers = None
         if high + gap < region.height - ruler:
-            is_filled = (abs(line(high - 0.5 * height) - line(high + 0.5 * gap)) > 2).any(axis=1)
-            numbers = [k for k, mask in enumerate(masks) if fits(is_filled, mask)]
+            middle, above = line(high - 0.5 * height), line(high + 0.5 * gap)
+            numbers = [k for k, mask in enumerate(masks) if fits(middle, above, mask)]
         fitting.append(numbers)
         high -= height + gap
     unseen = {k for k, mask in enumerate(masks) if not (mask > 0).any()}
@@ -155,9 +154,15 @@ def strip_mask(region: bpy.types.Region, track: bpy.types.NlaTrack) -> I32:
     return mask
 
 
-def fits(is_filled: npt.NDArray[np.bool_], mask: I32) -> bool:
-    """Test a row's filled pixels (width,) for the strips of :func:`strip_mask`; False without any
-    strip in view."""
-    inside, outside = is_filled[mask > 0], is_filled[mask < 0]
+def fits(middle: I32, above: I32, mask: I32) -> bool:
+    """Test colours (width, channels) in the middle of a row for the strips of :func:`strip_mask`,
+    with those of the gap above; False without any strip in view."""
+    inside, outside = mask > 0, mask < 0
+    is_changed = (abs(middle - above) > 2).any(axis=1)
+    # The borders of strips reach into the gap: strips differ from the rest of their row, too.
+    rest = middle[outside & ~is_changed]
+    background = np.median(rest, axis=0) if len(rest) else above
+    is_filled = (abs(middle - background) > 2).any(axis=1)
     # Names are drawn over strips, and scroll bars over the rest.
-    return bool(len(inside)) and inside.mean() > 0.8 and outside.sum() < 0.02 * len(mask)
+    is_rest_empty = (is_filled & is_changed & outside).sum() < 0.02 * len(mask)
+    return bool(inside.any() and is_filled[inside].mean() > 0.8 and is_rest_empty)
