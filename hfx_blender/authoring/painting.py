@@ -183,7 +183,7 @@ def is_stroke(depsgraph: bpy.types.Depsgraph) -> bool:
 
 def canvas_in(context: bpy.types.Context) -> bpy.types.Object | None:
     """Active object if a canvas, else the only canvas of the view layer; None otherwise."""
-    active = context.object
+    active = getattr(context, "object", None)  # missing in a timer at times
     if active is not None and active.get(PAINTED_EFFECT) is not None:
         return active
     canvases = [obj for obj in context.view_layer.objects if obj.get(PAINTED_EFFECT) is not None]
