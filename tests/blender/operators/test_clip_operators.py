@@ -212,3 +212,24 @@ def test_seconds_count_from_the_first_frame_as_in_the_track(effect: Any, tmp_pat
     scene.render.frame_map_old, scene.render.frame_map_new = 100, 200
     strip.frame_start_ui = 12.5 + 6.0
     assert row.start == pytest.approx(0.5)
+
+
+def test_clips_of_an_effect_that_is_deselected_are_deselected(scene: Any) -> None:
+    """*G* in the NLA Editor moves every selected strip."""
+    bpy.ops.hfx.add_volume(modality="temperature", shape="SPHERE")
+    first = bpy.context.object
+    bpy.ops.hfx.add_clip()
+    assert [strip.select for _, strip in clips.strips_of(first)] == [True]
+    bpy.ops.hfx.add_volume(modality="wind", shape="CUBOID")
+    assert [strip.select for _, strip in clips.strips_of(first)] == [False]
+
+
+def test_a_mesh_stands_for_the_volume_of_its_shape(scene: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add()
+    cube = bpy.context.object
+    bpy.ops.hfx.volume_from_mesh(modality="temperature")
+    assert bpy.context.object.name == "Cube Heat"  # short, for the narrow list
+    bpy.context.view_layer.objects.active = cube
+    bpy.ops.hfx.add_clip(duration=2.0)
+    assert len(clips.strips_of(bpy.data.objects["Cube Heat"])) == 1
+    assert cube.animation_data is None
