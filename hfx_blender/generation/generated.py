@@ -14,7 +14,7 @@ import numpy as np
 
 from ..engine.arrays import F32, F64, U8
 from ..engine.texture.haptic_map import HapticMap
-from ..engine.texture.height_field import HeightField, from_image
+from ..engine.texture.height_field import HeightField, SurfaceRelief, from_image
 from ..errors import InputError, refuse_no_file
 from ..files import kinds, staging
 from ..files.hashes import sha256_of
@@ -67,13 +67,10 @@ class GeneratedFiles:
 
     path: Path  # of the record
     name: str
-    height: HeightField
-    roughness: F64
+    relief: SurfaceRelief
     map: HapticMap
     is_metal: bool
     words: str  # "" for pictures without words
-    notes: tuple[str, ...] = ()
-    slope: F32 | None = None
 
 
 def name_of(words: str, mark: str) -> str:
@@ -168,16 +165,15 @@ def read(path: Path) -> GeneratedFiles:
         full = record.number("full_slope")
         slope = (full * _share(path.with_name(f"{name}.slope.png"))).astype(np.float32)
     size_m, depth_m = (1e-3 * width, 1e-3 * height), 1e-3 * record.number("height_mm")
+    field = from_image(share, depth_m, size_m, tiles=record.get("tiles"))
+    notes = tuple(map(str, record.get("notes", ())))
     return GeneratedFiles(
         path,
         name,
-        from_image(share, depth_m, size_m, tiles=record.get("tiles")),
-        rough,
+        SurfaceRelief(field, rough, notes, slope),
         texture_map.read(path.with_name(name + texture_map.SUFFIX)),
         record.get("is_metal", False),
         str(record.get("words", "")),
-        tuple(map(str, record.get("notes", ()))),
-        slope,
     )
 
 

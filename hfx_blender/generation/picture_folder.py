@@ -18,9 +18,9 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..engine.arrays import F32, F64
-from ..engine.texture.haptic_map import HapticMap, NoticeableSteps
-from ..engine.texture.height_field import HeightField, from_image
+from ..engine.arrays import F64
+from ..engine.texture.haptic_map import NoticeableSteps
+from ..engine.texture.height_field import SurfaceRelief, from_image
 from ..engine.texture.mcha import MapSettings, make_map
 from ..engine.texture.relief.linear_light import height_from_colour
 from ..engine.texture.relief.relief_estimate import estimate
@@ -57,21 +57,6 @@ _POSITIVE: Final = ("positive", "conditioning", "cond1")  # a basic guider has n
 _DEEPEST: Final = 64  # most links from a sampler to its seed
 
 
-@dataclass(frozen=True, eq=False)
-class PictureSurface:
-    """Surface of a picture."""
-
-    field: HeightField
-    roughness: F64  # (H, W) 0..1
-    way: Way
-    note: str  # sentence about the way
-    slope: F32 | None = None  # (H, W) estimated slope; None: the slope of the heights
-
-    def map(self, settings: MapSettings) -> HapticMap:
-        """Haptic map of heights and roughness; an estimated slope replaces the heights' own."""
-        return make_map(self.field, self.roughness, settings, self.slope)
-
-
 def surface_of(
     srgb: npt.ArrayLike,
     size_m: tuple[float, float],
@@ -79,23 +64,18 @@ def surface_of(
     depth_m: float,
     tiles: bool,
     way: Way = WAYS[0],
-) -> PictureSurface:
+) -> SurfaceRelief:
     """Convert a picture (H, W, 3), sRGB 0..1, bottom row first, to a surface of ``size_m``.
     ``depth_m`` is the height of white over black, for the way ``sobel`` only; ``tiles``: opposite
     edges match. Raises InputError if the array is no picture, or a size is not allowed."""
     if way == "relief":
         relief = estimate(srgb, size_m, tiles=tiles)
         roughness = np.asarray(relief.roughness, np.float64)
-        return PictureSurface(relief.field, roughness, way, _NOTES[way], relief.slope)
+        return SurfaceRelief(relief.field, roughness, (_NOTES[way],), relief.slope)
     field = from_image(height_from_colour(srgb), depth_m, size_m, tiles=tiles)
     # Brightness says nothing about roughness.
     roughness = np.full(field.heights_m.shape, MapSettings().default_roughness)
-    return PictureSurface(field, roughness, way, _NOTES[way])
-
-
-def generated_name(picture: Path, digest: str) -> str:
-    """Name of a picture's surface: words of the stem, ``-``, 8 digits of ``digest`` (SHA-256)."""
-    return name_of(picture.stem, digest[:8])
+    return SurfaceRelief(field, roughness, (_NOTES[way],))
 
 
 def generate(
@@ -122,15 +102,15 @@ def generate(
     surface = surface_of(srgb, size, depth_m=depth_m, tiles=tiles or prompt.is_tiling, way=way)
     # Part of the name: a changed picture of the same name gives a new surface.
     digest = sha256_of(picture)
-    notes = [surface.note]
+    notes = surface.notes
     if not prompt.words:
-        notes.append("the picture tells no words that it was made of")
+        notes += ("the picture tells no words that it was made of",)
     record = {
         "words": prompt.words,
         "negative_words": prompt.negative,
         "seed": prompt.seed,
         "back_end": NAME,
-        "conversion": surface.way,
+        "conversion": way,
         "source": {
             "file": picture.name,
             "sha256": digest,
@@ -141,14 +121,14 @@ def generate(
         "versions": {},
     }
     return Generated(
-        generated_name(picture, digest),
+        name_of(picture.stem, digest[:8]),
         np.rint(255.0 * np.clip(srgb, 0.0, 1.0)).astype(np.uint8),
-        surface.field,
-        surface.roughness,
-        surface.map(MapSettings(steps=steps)),
+        surface.height,
+        np.asarray(surface.roughness),
+        make_map(surface.height, surface.roughness, MapSettings(steps=steps), surface.slope),
         record,
         slope=surface.slope,
-        notes=tuple(notes),
+        notes=notes,
     )
 
 

@@ -10,8 +10,8 @@ from typing import Final
 
 from hfx_blender.errors import InputError
 from hfx_blender.files.hashes import sha256_of
-from hfx_blender.generation.generated import RECORD
-from hfx_blender.generation.picture_folder import SUFFIXES, generated_name
+from hfx_blender.generation.generated import RECORD, name_of
+from hfx_blender.generation.picture_folder import SUFFIXES
 
 _MOST_FILES: Final = 100_000
 
@@ -71,4 +71,4 @@ class WatchedFolder:
 
 def is_made(picture: Path, folder: Path) -> bool:
     """Test that a folder contains the surface of a picture with this content."""
-    return (folder / (generated_name(picture, sha256_of(picture)) + RECORD)).is_file()
+    return (folder / (name_of(picture.stem, sha256_of(picture)[:8]) + RECORD)).is_file()

@@ -115,7 +115,7 @@ def map_of_picture(srgb: F64) -> F32:
     """Intensity (H, W) of a picture by the paper's method, blur and Sobel."""
     size = (_SIZE_M[0] * srgb.shape[1] / 512.0, _SIZE_M[1] * srgb.shape[0] / 512.0)
     surface = surface_of(srgb, size, depth_m=_DEPTH_M, tiles=True, way="sobel")
-    return surface.map(MapSettings()).intensity
+    return make_map(surface.height, surface.roughness, MapSettings()).intensity
 
 
 def as_pair(srgb: F64, intensity: F32) -> tuple[F32, F32]:

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from hfx_blender.engine.texture.haptic_map import NoticeableSteps
-from hfx_blender.engine.texture.mcha import MapSettings
+from hfx_blender.engine.texture.mcha import MapSettings, make_map
 from hfx_blender.files.hashes import sha256_of
 from hfx_blender.generation.generated import Generated, name_of
 from hfx_blender.generation.picture_folder import WAYS, Way, surface_of
@@ -116,8 +116,9 @@ def generate(
         tiles=chosen.tiling,
         way=chosen.way,
     )
-    map_, slope = surface.map(MapSettings()), surface.slope
-    notes = [surface.note]
+    slope = surface.slope
+    map_ = make_map(surface.height, surface.roughness, MapSettings(), slope)
+    notes = list(surface.notes)
     if decoder is not None:
         touch = model.intensity(latents, decoder)
         # A slope of 1 is full strength, so the slope map stores the intensity in a .blend.
@@ -134,14 +135,14 @@ def generate(
         "inference_steps": chosen.steps,
         "guidance": chosen.guidance,
         "tiling": chosen.tiling,
-        "conversion": surface.way,
+        "conversion": chosen.way,
         "decoder_sha256": None if decoder_folder is None else sha256_of(decoder_folder / WEIGHTS),
         "versions": model.versions,
     }
     return Generated(
         name_of(words, str(seed)),
         colour,
-        surface.field,
+        surface.height,
         np.asarray(surface.roughness),
         map_,
         record,

@@ -144,8 +144,9 @@ def test_a_record_describes_the_texture_and_files_are_readable(tmp_path: Path) -
     assert document["versions"]["hfx"] == "1.0" and len(document["files"]) == 6
     back = generated.read(record)
     step = np.ptp(texture.height.heights_m) / 65535
-    np.testing.assert_allclose(back.height.heights_m, texture.height.heights_m, atol=0.51 * step)
-    assert back.height.size_m == pytest.approx(texture.height.size_m)
+    heights = texture.height.heights_m
+    np.testing.assert_allclose(back.relief.height.heights_m, heights, atol=0.51 * step)
+    assert back.relief.height.size_m == pytest.approx(texture.height.size_m)
     picture = tmp_path / f"{texture.name}.height.png"
     picture.write_bytes(picture.read_bytes()[:-20])
     with pytest.raises(InputError, match=r"height\.png.*hash differs"):

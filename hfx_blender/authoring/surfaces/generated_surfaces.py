@@ -38,10 +38,7 @@ def apply_generated(obj: bpy.types.Object, record: Path) -> bpy.types.Material:
     if not surfaces.is_surface(obj):
         surfaces.add_surface(obj, "GENERATED")
     obj.hfx.surface.use_steps = files.map.steps is not None
-    relief = surface_sources.SurfaceRelief(
-        files.height, files.roughness, notes=files.notes, slope=files.slope
-    )
-    surfaces.store_generated(obj, relief)
+    surfaces.store_generated(obj, files.relief)
     material = _material(files, obj)
     obj.active_material = material  # in the active slot; a new slot if there is none
     return material
@@ -71,7 +68,7 @@ def _material(files: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Materia
         node = nodes.new("ShaderNodeTexImage")
         node.image, node.label = image, part.title()
         node.location = (-600.0, 300.0 - 300.0 * row)
-        node.extension = "REPEAT" if files.height.tiles else "EXTEND"
+        node.extension = "REPEAT" if files.relief.height.tiles else "EXTEND"
         if not obj.data.uv_layers:
             node.projection = "BOX"
         links.new(placing, node.inputs["Vector"])
@@ -83,7 +80,7 @@ def _material(files: GeneratedFiles, obj: bpy.types.Object) -> bpy.types.Materia
     # The height picture spans 0 to 1, from the lowest to the highest point.
     relief.inputs["Midlevel"].default_value = 0.0
     unit = metres_of(bpy.context.scene)
-    depth = float(files.height.heights_m.max() - files.height.heights_m.min())
+    depth = float(files.relief.height.heights_m.max() - files.relief.height.heights_m.min())
     relief.inputs["Scale"].default_value = depth / unit
     links.new(sockets["height"], relief.inputs["Height"])
     links.new(relief.outputs["Displacement"], output.inputs["Displacement"])
@@ -99,7 +96,7 @@ def _tile_coordinates(
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
     mapping = tree.nodes.new("ShaderNodeMapping")
     coordinates.location, mapping.location = (-1000.0, 0.0), (-800.0, 0.0)
-    size_mm = [1000.0 * length for length in files.height.size_m]
+    size_mm = [1000.0 * length for length in files.relief.height.size_m]
     # Tiles per unit of the coordinates, so that a tile has its real size on the object.
     if obj.data.uv_layers:
         source = coordinates.outputs["UV"]

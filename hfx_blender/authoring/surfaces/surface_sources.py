@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.texture import procedural
-from ...engine.texture.height_field import HeightField, from_image
+from ...engine.texture.height_field import HeightField, SurfaceRelief, from_image
 from ...engine.texture.relief.relief_estimate import EstimatedRelief
 from ...engine.texture.scan import from_points, seen_from_above
 from ...errors import InputError
@@ -21,17 +20,6 @@ from ...formats.pictures import point_cloud
 from . import image_values, surface_baking, surface_uv
 
 _LIKELY_M = (1e-3, 5.0)  # plausible length of a scan
-
-
-@dataclass(frozen=True, eq=False)
-class SurfaceRelief:
-    """Relief of a surface, input of the haptic map."""
-
-    height: HeightField
-    # 0..1 on the same rectangle, with an independent resolution; None: default
-    roughness: npt.NDArray[np.floating] | None = None
-    notes: tuple[str, ...] = ()
-    slope: npt.NDArray[np.float32] | None = None  # estimated separately, on the grid of the heights
 
 
 def relief_of(obj: bpy.types.Object) -> SurfaceRelief:

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ...engine.texture.haptic_map import DeviceRange, HapticMap, SurfaceTexture
-    from ...engine.texture.height_field import HeightField
-    from .surface_sources import SurfaceRelief
+    from ...engine.texture.height_field import HeightField, SurfaceRelief
 
 _IMAGES = ("relief_image", "intensity_image", "sharpness_image")
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from ..arrays import F64, I64
+from ..arrays import F32, F64, I64, Weights
 
 Order = Literal["linear", "cubic"]
 
@@ -92,6 +92,16 @@ class HeightField:
         """Heights (...) in metres at points (..., 2), surface coordinates. ``cubic`` is
         Catmull-Rom: smooth, and exact at texels."""
         return sample_grid(self.heights_m, points_m, self.texel_m, self.tiles, order)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceRelief:
+    """Relief of a surface, input of the haptic map; all layers cover the same rectangle."""
+
+    height: HeightField
+    roughness: Weights | None = None  # (h, w) 0 smooth to 1 rough, own resolution; None: default
+    notes: tuple[str, ...] = ()
+    slope: F32 | None = None  # (H, W) estimated, after a blur of a texel; None: that of the heights
 
 
 def from_image(

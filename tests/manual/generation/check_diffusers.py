@@ -154,7 +154,7 @@ def check_a_model(folder: Path, out: Path) -> None:
     written = generated.write(first, out / "made", "check")
     record = json.loads(written.files[-1].read_text())
     assert record["back_end"] == "diffusers" and record["decoder_sha256"] and record["seed"] == 1
-    assert generated.read(written.files[-1]).slope is not None
+    assert generated.read(written.files[-1]).relief.slope is not None
 
     def cancelled() -> bool:
         return len(shares) > 9

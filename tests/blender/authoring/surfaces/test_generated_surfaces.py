@@ -50,7 +50,7 @@ def test_a_material_is_felt_and_baked_alike(registered: Any, scene: Any, record:
     second.hfx.surface.resolution = 256
     surfaces.make_maps(second)
     baked = surfaces.field_of(second).heights_m[:128, :128]
-    truth = written.height.heights_m
+    truth = written.relief.height.heights_m
     assert np.corrcoef(baked.ravel(), truth.ravel())[0, 1] > 0.99
     assert np.ptp(baked) == pytest.approx(np.ptp(truth), rel=0.05)
 
