@@ -23,9 +23,7 @@ from ..errors import InputError, refuse_no_file
 from ..files.atomic import atomic_file
 from .avatar_meshes import read_bones, skin_by_bone
 
-BY_HAND = "by hand"
-"""Convention of a mapping that was not found automatically."""
-
+BY_HAND = "by hand"  # convention of a mapping that was not found automatically
 _LARGEST_FILE = 4_000_000
 
 _ADD_ON: Final = "vrm_addon_extension"

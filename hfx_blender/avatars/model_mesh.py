@@ -16,12 +16,8 @@ from ..engine.body.model import PerceptualModel, SkinWeights
 from ..engine.body.parts import PARTS
 from . import stored_fits
 
-SHOWN = "hfx_shown_body"
-"""ID property of a displayed model's mesh: its body."""
-
-MODEL = "hfx_shown_model"
-"""ID property of a displayed model's mesh: the model's id."""
-
+SHOWN = "hfx_shown_body"  # ID property of a displayed model's mesh: its body
+MODEL = "hfx_shown_model"  # ID property of a displayed model's mesh: the model's id
 _COLOURS = {
     "head": (0.90, 0.75, 0.35),
     "torso": (0.45, 0.62, 0.85),

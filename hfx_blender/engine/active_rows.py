@@ -14,11 +14,8 @@ from .arrays import I64, Bool
 from .counters import Counters
 from .scene import AnimationBlock, BodyDescription, EffectBlock, EffectDescription, PoseBlock
 
-FARTHEST = 1e12
-"""Largest valid coordinate (metres) or matrix entry; larger speeds overflow float32."""
-
-NOTHING: Final = 1e-9
-"""Largest matrix entry of a body scaled to a point."""
+FARTHEST = 1e12  # largest valid coordinate (metres) or matrix entry; larger speeds overflow float32
+NOTHING: Final = 1e-9  # largest matrix entry of a body scaled to a point
 
 
 @dataclass(frozen=True, eq=False)

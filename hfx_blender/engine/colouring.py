@@ -19,9 +19,7 @@ from .arrays import F64
 from .modality import MODALITIES, Colour, neutral_temperature_c
 from .samples import Sample
 
-COLD: Final = "cold"
-"""Palette key of temperatures below neutral."""
-
+COLD: Final = "cold"  # palette key of temperatures below neutral
 COLOURS: Final[Mapping[str, Colour]] = {
     **{name: modality.colour for name, modality in MODALITIES.items()},
     COLD: MODALITIES["temperature"].colour,

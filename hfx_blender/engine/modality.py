@@ -29,8 +29,7 @@ HFX Studio's 30 degC area near a fire must warm, and a 30 degC object must cool 
 of Danieau et al. 2018, section 4.1), so the neutral temperatures differ.
 """
 
-Colour = tuple[float, float, float]
-"""Linear RGB, 0..1."""
+Colour = tuple[float, float, float]  # linear RGB, 0..1
 
 
 @dataclass(frozen=True)

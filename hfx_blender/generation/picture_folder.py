@@ -33,9 +33,7 @@ SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".exr")
 
 Way = Literal["relief", "sobel"]
 
-WAYS: Final[tuple[Way, ...]] = ("relief", "sobel")
-"""Ways of conversion, the best one first."""
-
+WAYS: Final[tuple[Way, ...]] = ("relief", "sobel")  # ways of conversion, the best one first
 _NOTES: Final = {
     "relief": "the relief was estimated from the picture by a network",
     "sobel": "the picture's brightness was taken as heights (the map paper's way): prints and "

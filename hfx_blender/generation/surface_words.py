@@ -79,9 +79,7 @@ DRAFTS: Final[dict[str, str]] = _VOCABULARY["drafts"]
 NEGATIONS: Final = {"no", "without", "avoid", "lacking", "excluding", "except", "free"}
 """Words before an unwanted material or quality."""
 
-SMALL_WORDS: Final = frozenset(_VOCABULARY["small_words"])
-"""Words without meaning for a material."""
-
+SMALL_WORDS: Final = frozenset(_VOCABULARY["small_words"])  # words without meaning for a material
 SURFACE_TURNS: Final = {"covered", "coated", "wrapped", "upholstered", "clad", "draped", "lined"}
 """Words before the material of the upper layer: a table covered with linen."""
 

@@ -15,9 +15,7 @@ from ...engine.texture.scan import fill_holes
 from ...errors import InputError, is_endless, refuse_no_file
 from ...files.hashes import is_elsewhere
 
-LARGEST = 8192
-"""Largest edge of an image, pixels: larger images take gigabytes of memory."""
-
+LARGEST = 8192  # largest edge of an image, pixels: larger images take gigabytes of memory
 MOST_MISSING = 0.5
 
 

@@ -21,18 +21,14 @@ from ...errors import InputError
 if TYPE_CHECKING:
     from ...engine.texture.haptic_map import HapticMap
 
-Value = bpy.types.NodeSocket | float | None
-"""An output socket or a constant; None means 0."""
-
+Value = bpy.types.NodeSocket | float | None  # an output socket or a constant; None means 0
 _BENDS = {"BUMP", "NORMAL_MAP"}
 
 _DEPTH = 5  # of structures in a hash
 _IRRELEVANT = frozenset(bpy.types.Node.bl_rna.properties.keys()) - {"mute"}
 _MATERIAL_PROPERTIES = ("diffuse_color", "roughness", "metallic")
 
-MOST_SATURATED: Final = 0.5
-"""Share of a map at full strength that causes a warning."""
-
+MOST_SATURATED: Final = 0.5  # share of a map at full strength that causes a warning
 _LIKELY_M: Final = 0.01  # largest plausible height of a relief for stroking, metres
 _HEIGHT_INPUTS: Final = {"BUMP": "Distance", "DISPLACEMENT": "Scale"}
 

@@ -29,9 +29,7 @@ from . import material_relief, surface_uv
 from .material_relief import ReliefNodes, Value
 from .surface_uv import Charts
 
-FINEST = 4096
-"""Largest edge of a bake, texels: larger bakes take gigabytes of memory."""
-
+FINEST = 4096  # largest edge of a bake, texels: larger bakes take gigabytes of memory
 _FLAT_M = 1e-9
 _COVERAGE = 256
 _OVERLAP = 0.02  # rounding tolerance, as a share of the UV map's area

@@ -21,9 +21,7 @@ from .material_relief import images_of, material_hash
 
 DELAY_S = 0.3
 BAKE_DELAY_S = 0.8
-QUICK_S = 1.5
-"""Longest duration of automatic bakes, seconds."""
-
+QUICK_S = 1.5  # longest duration of automatic bakes, seconds
 _SHOWN_S = 2.0
 _PAINTED = "painted"  # no hash of a material
 _UNNAMED = ""  # no image's name

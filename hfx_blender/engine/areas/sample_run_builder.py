@@ -23,8 +23,7 @@ from ..volume.shape import Shape
 ON_DEMAND: Final = frozenset({"positions", "velocities", "depth"})
 """Optional fields stored in tracks."""
 
-ON_DEMAND_HERE: Final = frozenset({"surface", "impact"})
-"""Optional fields not stored in tracks."""
+ON_DEMAND_HERE: Final = frozenset({"surface", "impact"})  # optional fields not stored in tracks
 
 
 class SampleRunBuilder:

@@ -26,8 +26,7 @@ from .model_library import manifest as manifest
 
 FORMAT_VERSION = 1
 
-AVATAR_ID = "hfx-avatar-1"
-"""Id of the shipped avatar, whose skeleton is the canonical one."""
+AVATAR_ID = "hfx-avatar-1"  # id of the shipped avatar, whose skeleton is the canonical one
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,7 @@ from .skin_distance import edge_graph
 STEP_M: Final = 0.004
 """Spacing of path points, metres; below all two-point thresholds except the fingertips'."""
 
-OFF_SKIN_M: Final = 0.05
-"""Largest distance from the skin of a valid path point, metres."""
-
+OFF_SKIN_M: Final = 0.05  # largest distance from the skin of a valid path point, metres
 _COARSE_M: Final = 0.04
 _TIGHT_M: Final = 0.012
 _SETTLED_M: Final = 3e-5

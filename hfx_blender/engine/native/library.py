@@ -24,9 +24,7 @@ import numpy.typing as npt
 
 from . import sources
 
-SWITCH: Final = "HFX_NATIVE"
-"""Environment variable; 0 disables the library."""
-
+SWITCH: Final = "HFX_NATIVE"  # environment variable; 0 disables the library
 _SECTIONS: Final = ((40, 48), (58, 60), (60, 62))  # of an ELF header, see :func:`_load`
 
 NAME: Final = {"win32": "hfx_native.dll", "darwin": "hfx_native.dylib"}.get(

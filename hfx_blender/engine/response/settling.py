@@ -20,9 +20,7 @@ from ..response_filters.filters import folded
 from ..samples import SampleRun, Stream
 from .touches import Touches, WeightedSet, packed, strongest
 
-LEAST: Final = 1e-4
-"""Smallest response; weaker ones count as 0."""
-
+LEAST: Final = 1e-4  # smallest response; weaker ones count as 0
 _MORE: Final = 1.0 + 1e-6  # relative to the samples at both ends: less is rounding
 
 

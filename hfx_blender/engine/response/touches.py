@@ -30,8 +30,7 @@ from ..volume.nearest_surface import distances_m
 from ..volume.shape import inverse_placement, world_bounds
 from .motion_estimate import MotionEstimate
 
-WeightedSet = tuple[I32, F32]
-"""Ascending vertices and the weights."""
+WeightedSet = tuple[I32, F32]  # ascending vertices and the weights
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,7 @@ import numpy as np
 
 from ..arrays import F64, Bool
 
-SILENCE: Final = 1e-3
-"""Fraction of the peak at which an impact's envelope ends."""
-
+SILENCE: Final = 1e-3  # fraction of the peak at which an impact's envelope ends
 LOUD: Final = 4.0
 """Multiple of attack plus decay after which an envelope is below a fiftieth of the peak."""
 

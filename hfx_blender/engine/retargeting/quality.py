@@ -23,12 +23,8 @@ from .joints import Skeletons, dominant
 from .surface import NearestSkin
 from .target import vertex_areas
 
-FARTHEST_MM: Final = 15.0
-"""Largest 95th percentile of distances from the skin before projection."""
-
-IN_PLACE: Final = 0.8
-"""Smallest fraction of vertices on the same part of the avatar."""
-
+FARTHEST_MM: Final = 15.0  # largest 95th percentile of distances from the skin before projection
+IN_PLACE: Final = 0.8  # smallest fraction of vertices on the same part of the avatar
 AREA_RATIOS: Final = (0.4, 2.5)
 """Lowest and highest area of a body part, as a multiple of the canonical body's part."""
 
@@ -38,9 +34,7 @@ JOINT_MM: Final = 12.0
 Loose trousers shifted a kneecap by twice this distance; a touch at 25 mm misses the knee.
 """
 
-RIGHT_WAY: Final = 0.9
-"""Smallest fraction of limb vertices on a limb of the correct side."""
-
+RIGHT_WAY: Final = 0.9  # smallest fraction of limb vertices on a limb of the correct side
 _SHOWN: Final = 0.4  # smallest fraction of a part present on the avatar (one hand of two, no stump)
 _LOST: Final = 0.5  # smallest ``in_place`` of a carrying part for a fit to the surface
 # Parts required for a fit to the surface; hands and feet may be missing
@@ -61,9 +55,7 @@ _REGIONS_OF: Final = {
 }
 
 HINGE_MM: Final = 25.0
-PLACE_MM: Final = 40.0
-"""Smallest reported uncertainty of a hinge and of other places."""
-
+PLACE_MM: Final = 40.0  # smallest reported uncertainty of a hinge and of other places
 # Place to canonical bone, and offset from its head on the left side, metres
 _PLACES: Final = {
     "crown": ("head", (0.0, 0.05, 0.17)),

@@ -34,9 +34,7 @@ FINEST_M: Final = (0.00025, 0.001)
 
 Finer samples change coverages by less than 0.01 in any pose."""
 
-PosableModel = PointwiseModel | SkinnedModel
-"""Perceptual model bound to a body."""
-
+PosableModel = PointwiseModel | SkinnedModel  # perceptual model bound to a body
 _HEXAGON: Final = math.sqrt(2.0 / math.sqrt(3.0))  # spacing of cells of area 1
 
 

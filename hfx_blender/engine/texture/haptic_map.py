@@ -15,8 +15,7 @@ from ..arrays import F32, F64
 from .height_field import HeightField, check_texel
 from .surface_names import DRIVE_PER_M
 
-STANDARD_GRAVITY: Final = 9.80665
-"""Acceleration of 1 g, m/s^2."""
+STANDARD_GRAVITY: Final = 9.80665  # acceleration of 1 g, m/s^2
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from .stroke import Stroke
 
 _TEXEL_BITS: Final = 31  # bits of a texel's number
 
-REST_M_S: Final = 1e-4
-"""Speed below which a finger rests, m/s."""
+REST_M_S: Final = 1e-4  # speed below which a finger rests, m/s
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,7 @@ from ..arrays import F32
 from .haptic_map import DeviceRange, HapticMap, NoticeableSteps
 from .height_field import HeightField, wrapped
 
-TRUNCATE: Final = 4.0
-"""Cut-off of the Gaussian kernel in standard deviations."""
-
+TRUNCATE: Final = 4.0  # cut-off of the Gaussian kernel in standard deviations
 _MOST_SIZES: Final = 3
 _KERNEL_BYTES: Final = 24.0  # memory per texel of the Gaussian: offset, weight, sum
 _TEXEL_BYTES: Final = 12.0  # memory per padded texel: height, spectrum, slope

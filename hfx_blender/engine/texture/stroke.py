@@ -11,9 +11,9 @@ import numpy as np
 from ...errors import InputError
 from ..arrays import F64
 
+# Speeds of the textile study (textiles on the phone, section 5)
 SLOW_M_S: Final = 0.02
 FAST_M_S: Final = 0.1
-"""Speeds of the textile study (textiles on the phone, section 5)."""
 
 
 @dataclass(frozen=True, eq=False)

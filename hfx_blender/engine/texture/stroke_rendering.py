@@ -136,9 +136,7 @@ def _direct(
 WAVINESS_M: Final = 8e-3
 """Wavelength above which heights are form, felt by the moving finger, not vibration."""
 
-FULL_M_S: Final = 2e-3
-"""Speed of full amplitude; slower motion fades to silence at rest."""
-
+FULL_M_S: Final = 2e-3  # speed of full amplitude; slower motion fades to silence at rest
 _MOST_OF_PAIRS: Final = 3.0
 """Largest ratio of a quadrature part of a sine to the mean of both parts in a window; unreached in
 windows of half a period or more."""

@@ -13,8 +13,5 @@ with Path(__file__).with_name("materials.csv").open(encoding="utf-8", newline=""
     }
 """Kind and title of each procedural material, in order of display."""
 
-FABRICS: Final = ("shirting", "denim", "costume")
-"""Reference cloths, from smooth to rough."""
-
-DRIVE_PER_M: Final = 1.0e4
-"""Default c_v: 50 micrometres RMS give a drive of 0.5."""
+FABRICS: Final = ("shirting", "denim", "costume")  # reference cloths, from smooth to rough
+DRIVE_PER_M: Final = 1.0e4  # default c_v: 50 micrometres RMS give a drive of 0.5

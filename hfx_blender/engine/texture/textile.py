@@ -20,9 +20,7 @@ from .stroke import Stroke
 RATE_HZ: Final = 2000.0
 """Least rate of the heights; raised by a whole factor where a step would skip a texel."""
 
-WINDOW_S: Final = 0.05
-"""Update window of the paper."""
-
+WINDOW_S: Final = 0.05  # update window of the paper
 MAX_FACTOR: Final = 64
 """Bound of the factor of ``RATE_HZ``; beyond lie strokes of metres per second over fine maps."""
 

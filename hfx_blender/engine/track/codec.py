@@ -26,9 +26,7 @@ Unsigned = npt.NDArray[np.unsignedinteger[Any]]
 
 _ENTRY_BYTES: Final = 64  # memory bound of an unpacked (set, vertex) pair
 
-MAX_ENTRIES: Final = 2**25
-"""Largest number of (sample, vertex) pairs of a stream in a chunk."""
-
+MAX_ENTRIES: Final = 2**25  # largest number of (sample, vertex) pairs of a stream in a chunk
 MAX_SET_ENTRIES: Final = int(limits.MEMORY.default) // _ENTRY_BYTES
 """Largest number of (set, vertex) pairs of all streams in a chunk; a reader's memory bound."""
 

@@ -110,9 +110,7 @@ def encode_index(chunks: list[int], streams: list[StreamIndex]) -> bytes:
 
 
 FORMAT: Final = "hfxtrack"
-VERSION: Final = 2
-"""Newest version; tracks without spots and actuators are written as version 1."""
-
+VERSION: Final = 2  # newest version; tracks without spots and actuators are written as version 1
 _KINDS: Final[dict[int, tuple[EffectKind, ...]]] = {
     1: ("painted", "volume"),
     2: ("painted", "volume", "spot", "actuators"),

@@ -24,9 +24,7 @@ from ...files.strict_json import clean, parse
 from ..registry import FORMATS
 
 SUFFIX: Final = FORMATS["glb"].suffix
-HJIF_MEDIA_TYPE: Final = "haptics/hjif"
-"""Media type of HJIF (ISO/IEC 23090-31)."""
-
+HJIF_MEDIA_TYPE: Final = "haptics/hjif"  # media type of HJIF (ISO/IEC 23090-31)
 TO_GLTF: Final = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 """Rotation from our space to glTF's, (3, 3)."""
 

@@ -28,9 +28,7 @@ _STRAIGHT: Final = 1e-9
 """Smallest deviation from the line between its neighbours for which a keyframe is stored."""
 
 _HOLD: Final = 3  # least number of successive equal rows that form a hold
-PITCH_HZ: Final = 1.0
-"""Largest frequency error of a vibration, hertz."""
-
+PITCH_HZ: Final = 1.0  # largest frequency error of a vibration, hertz
 MAX_POSITION: Final = 2**16 - 1
 """Largest tick of a keyframe within its effect: the binary encoding has 16 bits."""
 
@@ -69,8 +67,7 @@ class Keyframe(NamedTuple):
     hertz: int | None = None
 
 
-Burst = tuple[int, tuple[Keyframe, ...]]
-"""Position of an effect in ticks, and its keyframes."""
+Burst = tuple[int, tuple[Keyframe, ...]]  # position of an effect in ticks, and its keyframes
 
 
 def shared_waves(

@@ -19,8 +19,7 @@ from ...arrays import F64, I64, U64
 Waveform = Literal["sine", "square", "noise"]
 WAVEFORMS: Final[tuple[Waveform, ...]] = ("sine", "square", "noise")
 
-NOISE_REPEATS: Final = 2**16
-"""Period of noise in cycles: four minutes at 250 Hz."""
+NOISE_REPEATS: Final = 2**16  # period of noise in cycles: four minutes at 250 Hz
 
 
 def kept_through_silence(amplitudes: tuple[F64, F64], hz: tuple[F64, F64]) -> tuple[F64, F64]:

@@ -23,9 +23,7 @@ from ...body.skin_distance import SkinDistances, edge_graph
 from ..device_config import Law
 from .complex import ActuatorComplex, gain, merged_places
 
-MAX_SPAN_M: Final = 0.2
-"""Largest distance of two neighbours along the skin, metres."""
-
+MAX_SPAN_M: Final = 0.2  # largest distance of two neighbours along the skin, metres
 _SURELY_NEAR_M: Final = 0.1  # distance in space, metres, up to which skin is not measured
 _ELLIPSOID_MARGIN_M: Final = 0.01
 

@@ -27,8 +27,7 @@ from ..height_field import HeightField, check_texel, sample_grid
 from ..mcha import blurred_slope
 from .relief_network import STRIDE, Weights, estimated
 
-LARGEST: Final = 2048
-"""Largest edge of the network's input in texels; larger pictures are reduced."""
+LARGEST: Final = 2048  # largest edge of the network's input in texels; larger pictures are reduced
 
 
 @dataclass(frozen=True, eq=False)

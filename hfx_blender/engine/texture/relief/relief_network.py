@@ -17,9 +17,7 @@ import numpy.typing as npt
 from ...arrays import F32
 from .linear_light import luminance, srgb_to_linear
 
-STRIDE: Final = 32
-"""Divisor of a picture's edges; the edges of its half are multiples of 16."""
-
+STRIDE: Final = 32  # divisor of a picture's edges; the edges of its half are multiples of 16
 WEIGHTS: Final = Path(__file__).with_suffix(".npz")
 
 _DARK: Final = 0.02  # light added before logarithms
