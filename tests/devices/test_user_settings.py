@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import time
 from pathlib import Path
 
 import pytest
 
 from hfx_blender.devices.configurations import surface_calibration
+from hfx_blender.devices.host.duty_budget_store import DutyBudgetStore
 from hfx_blender.devices.live import live_settings
 from hfx_blender.files import resources
 from hfx_blender.files.atomic import amend_json
@@ -62,3 +65,32 @@ def test_a_failed_change_keeps_the_file_and_removes_the_lock(folder: Path) -> No
         amend_json(path, lambda: {"b": 1 // 0})
     amend_json(path, lambda: {**json.loads(path.read_bytes()), "c": 2})
     assert json.loads(path.read_bytes()) == {"a": 1, "c": 2}
+
+
+def test_connections_of_the_first_version_keep_their_members(folder: Path) -> None:
+    """Commit 7be0f488 stored five members; later members have their defaults."""
+    entry = {"kind": "DEVICE", "port": "8000", "host": "192.168.1.7", "path": "", "offset_ms": 40.0}
+    resources.live_settings().parent.mkdir(parents=True)
+    resources.live_settings().write_text(json.dumps({"back_pad": entry}), encoding="utf-8")
+    settings = live_settings.load()["back_pad"]
+    assert settings == live_settings.LiveSettings("DEVICE", "8000", "192.168.1.7", "", 40.0)
+    live_settings.store("waist_belt", live_settings.LiveSettings())
+    assert live_settings.load()["back_pad"] == settings
+
+
+def test_time_on_of_the_first_version_is_counted(folder: Path) -> None:
+    """Commit 929d0731 stored loads by the actuators' numbers. A rest since then is credited."""
+    store = DutyBudgetStore(resources.time_on())
+    name = hashlib.sha256(b"serial:COM3").hexdigest()[:32] + ".json"
+    content = {
+        "device": "serial:COM3",
+        "filled": [0.25, 1.0],
+        "is_resting": [False, True],
+        "is_open": False,
+        "wall_s": time.time(),
+        "monotonic_s": time.monotonic(),
+    }
+    resources.time_on().mkdir(parents=True)
+    (resources.time_on() / name).write_text(json.dumps(content), encoding="utf-8")
+    budget = store.budget("serial:COM3")
+    assert budget.load.tolist() == [0.25, 1.0] and budget.is_cooling.tolist() == [False, True]

@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 NAME = "bl_ext.user_default.hfx_blender"
-ROOT = Path(__file__).resolve().parents[3]
 _MAKE_BARE = """
 import sys
 from pathlib import Path
@@ -86,7 +85,10 @@ def _bare(python: str, folder: Path) -> str:
     """Make an environment with a Python's module ``bpy`` and Blender's packages; its Python."""
     done = subprocess.run(
         [python, "-c", _MAKE_BARE, str(folder)],
-        env={**_environment(), "PYTHONPATH": str(ROOT / "tests" / "extension")},
+        env={
+            **_environment(),
+            "PYTHONPATH": str(Path(__file__).resolve().parents[2] / "extension"),
+        },
         capture_output=True,
         text=True,
         check=True,
