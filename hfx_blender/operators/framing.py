@@ -78,23 +78,27 @@ def frame(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> No
     with context.temp_override(area=area, region=views(area)[-1]):
         bpy.ops.view3d.view_selected(use_all_regions=True)
     if context.preferences.system.use_region_overlap:
-        _centre_beside_sidebar(area, views(area)[-1])
+        _fit_beside_sidebar(area, views(area)[-1], framed)
     for obj in framed:
         obj.select_set(False)
     for obj in before:
         obj.select_set(True)
 
 
-def _centre_beside_sidebar(area: bpy.types.Area, region: bpy.types.Region) -> None:
-    """Move the view of a region by half the width that the sidebar covers."""
-    sidebar = next(r for r in area.regions if r.type == "UI")
-    covered = region.x + region.width - sidebar.x if sidebar.width > 1 else 0
-    view = region.data
+def _fit_beside_sidebar(
+    area: bpy.types.Area, region: bpy.types.Region, objects: Iterable[bpy.types.Object]
+) -> None:
+    """Zoom a view of objects out, at most 1.5 times, if the sidebar covers them."""
+    # The view is not moved: it would no longer turn about the objects.
+    sidebar, view = next(r for r in area.regions if r.type == "UI"), region.data
+    middle = region.width / 2.0
+    free = (sidebar.x - region.x if sidebar.width > 1 else region.width) - middle
     view.update()
-    right = view.view_matrix.inverted().col[0].to_3d()
-    depth = (view.perspective_matrix @ view.view_location.to_4d()).w
-    unit = view.window_matrix[0][0] * region.width / 2.0  # pixels of a unit at depth 1
-    view.view_location += right * (0.5 * max(covered, 0) * depth / unit)
+    corners = (obj.matrix_world @ Vector(corner) for obj in objects for corner in obj.bound_box)
+    seen = (view3d_utils.location_3d_to_region_2d(region, view, place) for place in corners)
+    half = max((place.x - middle for place in seen if place is not None), default=0.0)
+    if half > free > 0.0:
+        view.view_distance *= min(half / free, 1.5)
 
 
 def show_locally(context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
