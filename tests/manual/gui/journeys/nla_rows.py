@@ -56,14 +56,14 @@ def steps(h: Any) -> Iterator[float]:
         h.shot("many.png")
         names = [effect.name for effect, *_ in drawn]
         expected = [f"A{number:02d}" for number in range(40)][: len(names)]
-        if len(names) < 15 or names != expected:
+        if len(names) < 9 or names != expected:
             faults.append(f"cut off: {names}")
         with bpy.context.temp_override(window=h.window, area=area, region=region):
             bpy.ops.view2d.pan(deltax=0, deltay=-200)
         yield 1.0
         h.shot("scrolled.png")
         first = min((effect.name for effect, *_ in drawn), default="")
-        if first not in ("A04", "A05"):
+        if first != "A02":  # three rows of 27 pixels each
             faults.append(f"scrolled: {first}")
         with bpy.context.temp_override(window=h.window, area=area, region=region):
             bpy.ops.view2d.pan(deltax=0, deltay=200)

@@ -27,7 +27,7 @@ def steps(h: Any) -> Iterator[float]:
     with h.context():
         # A material's own picture would be rendered by EEVEE: minutes without a graphics card.
         bpy.ops.hfx.add_surface(source="PROCEDURAL", procedural="fabric-corduroy")
-    yield 1.0
+    yield 2.5
     settings = bpy.context.object.hfx.surface
     h.check(settings.relief_image is not None and not settings.is_faulty, "its maps are made")
     h.shot("2_panel.png")
