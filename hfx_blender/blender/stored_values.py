@@ -49,7 +49,9 @@ def bad_values(owner: bpy.types.ID) -> list[BadValue]:
         return []
     if not hasattr(stored, "keys"):
         return [BadValue("", _described(stored), "a group of properties", "nothing")]
-    return list(_bad_of(owner.hfx, stored, ""))
+    # Of about 50 properties few are stored, so these are looked up, and sorted only if bad.
+    order = owner.hfx.bl_rna.properties.find
+    return sorted(_bad_of(owner.hfx, stored, ""), key=lambda bad: order(bad.top))
 
 
 def stored_at(owner: bpy.types.ID, *names: str) -> Any:
@@ -77,11 +79,12 @@ def _bad_of(
 ) -> Iterator[BadValue]:
     """Yield the bad values among the ``stored`` values of a group and its nested groups, paths
     after ``prefix``; values of unknown names are ignored."""
-    for definition in group.bl_rna.properties:
-        name, kind = definition.identifier, definition.type
-        if name == "rna_type" or name not in stored:
+    definitions = group.bl_rna.properties
+    for name in [*stored]:
+        definition = definitions.get(name)
+        if definition is None or name == "rna_type":
             continue
-        value, path = stored[name], prefix + name
+        kind, value, path = definition.type, stored[name], prefix + name
         # A branch per kind of property; a nested group recurs.
         if kind in _NUMBERS:
             bad = _bad_number(definition, value, path)
@@ -114,15 +117,16 @@ def _bad_of(
 
 def _bad_number(definition: bpy.types.Property, value: Any, path: str) -> BadValue | None:
     """Fault of a stored number, array or menu item in type, length or range; None if allowed."""
-    allowed = _allowed(definition)
-    count = 0 if definition.type == "ENUM" else definition.array_length
+    kind = definition.type
+    count = 0 if kind == "ENUM" else definition.array_length
     # Blender stores an array with an element type.
     if count:
-        if getattr(value, "typecode", "none") not in _ARRAYS[definition.type]:
-            return BadValue(path, _described(value), f"{count} times {allowed}", None)
+        allowed = f"{count} times {_allowed(definition)}"
+        if getattr(value, "typecode", "none") not in _ARRAYS[kind]:
+            return BadValue(path, _described(value), allowed, None)
         if len(value) != count:
             default = ", ".join(f"{number:g}" for number in definition.default_array)
-            return BadValue(path, f"{len(value)} numbers", f"{count} times {allowed}", default)
+            return BadValue(path, f"{len(value)} numbers", allowed, default)
         numbers = list(value)
         if all(_is_within(definition, number) for number in numbers):
             return None
@@ -130,16 +134,16 @@ def _bad_number(definition: bpy.types.Property, value: Any, path: str) -> BadVal
         if all(map(math.isfinite, numbers)):
             taken = ", ".join(f"{_nearest(definition, number):g}" for number in numbers)
         described = ", ".join(f"{number:g}" for number in numbers)
-        return BadValue(path, described, f"{count} times {allowed}", taken)
-    if not isinstance(value, _NUMBERS[definition.type]):
-        return BadValue(path, _described(value), allowed, str(definition.default))
-    if definition.type == "ENUM":
+        return BadValue(path, described, allowed, taken)
+    if not isinstance(value, _NUMBERS[kind]):
+        return BadValue(path, _described(value), _allowed(definition), str(definition.default))
+    if kind == "ENUM":
         is_known = any(item.value == value for item in definition.enum_items)
-        return None if is_known else BadValue(path, f"item {value}", allowed, None)
-    if definition.type == "BOOLEAN" or _is_within(definition, value):
+        return None if is_known else BadValue(path, f"item {value}", _allowed(definition), None)
+    if kind == "BOOLEAN" or _is_within(definition, value):
         return None
     taken = f"{_nearest(definition, value):g}" if math.isfinite(value) else None
-    return BadValue(path, f"{value:g}", allowed, taken)
+    return BadValue(path, f"{value:g}", _allowed(definition), taken)
 
 
 def _is_within(definition: bpy.types.Property, value: float) -> bool:

@@ -6,6 +6,7 @@ Stepped effects and bodies are read at single times; of volumes far from skin on
 
 from __future__ import annotations
 
+import itertools
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -57,7 +58,8 @@ class ReadingPass:
         with_far: bool = False,
     ) -> None:
         self.plan = plan
-        self.stepped_effects = tuple(k for k in haptics.active if k not in plan.effects)
+        read = {*plan.effects, *plan.still_numbers}
+        self.stepped_effects = tuple(k for k in haptics.active if k not in read)
         self.stepped_bodies = tuple(k for k in range(len(haptics.bodies)) if k not in plan.bodies)
         self.dormant = tuple(sorted({*range(len(haptics.effects))}.difference(haptics.active)))
         self.in_scene = frozenset(
@@ -76,6 +78,7 @@ class ReadingPass:
         self.scene = scene
         self._reading = reading
         is_judged = lone_samples is None and not plan.is_sequential and not with_far
+        self._with_far = with_far
         # Comparisons need placements and values only, so boxes replace meshes.
         reading.far = frozenset(() if lone_samples is None else self.stepped_effects)
         self.far_volumes = FarVolumes(haptics, scene, self.stepped_effects if is_judged else ())
@@ -107,6 +110,7 @@ class ReadingPass:
         effects = self._from_curves(indices)
         may_be_on = self.far_volumes.may_be_on(frames)
         is_posed = self._times_on(effects, count) | may_be_on.any(axis=0) | self.always_posed
+        is_posed |= bool(self.plan.still_numbers)  # always on
         # Far volumes that are off in this block start over as far ones; the other far volumes are
         # read in full if they were near skin in the last block.
         far, volumes_on = self.far_volumes, may_be_on.any(axis=1)
@@ -124,6 +128,7 @@ class ReadingPass:
         # Stepped levels are known only now; bodies are also posed where these effects are on.
         is_posed |= self._times_on({k: effects[k] for k in in_full}, count)
         poses = self._poses(frames, is_posed, rows)
+        effects |= self._still_effects(count, poses)
         own = rows[history : len(rows) - future]
         effects |= self._far_effects(rows, poses, volumes_on, own)
         return AnimationBlock(
@@ -222,6 +227,18 @@ class ReadingPass:
             far_blocks |= {k: self._effect_of(k, rows) for k in reread}
         far.in_full = {k for k in nearby if not reading.is_settled(k)}
         return far_blocks
+
+    def _still_effects(self, count: int, poses: list[PoseBlock]) -> dict[int, EffectBlock]:
+        """Blocks of still volumes by index at ``count`` times: in full near skin, else silent."""
+        still, effects = self.plan.still, self.scene.effects
+        if still is None:
+            return {}
+        near = itertools.repeat(True) if self._with_far else still.are_near(poses).tolist()
+        blocks = {}
+        for k, is_near in zip(still.numbers, near, strict=False):
+            blocks[k] = still.block(k, count) if is_near else silence(count, self._modality(k))
+            self.counters.on[effects[k].id] = True
+        return blocks
 
     def _effect_of(self, which: int, rows: list[SceneRow]) -> EffectBlock:
         """Block of stepped effect ``which`` from rows, all with the effect."""

@@ -8,14 +8,14 @@ times.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from ..authoring.effects import effect_values
+from ..authoring.effects.effect_values import ShapeCache
 from ..engine.arrays import I64
 from ..engine.scene import AnimationBlock, SceneDescription, SurfaceBinding
 from .curves.animation_curves import NotModelledError
@@ -31,10 +31,9 @@ from .stepped.stepped_reading import (
     SceneRow,
     SteppedReading,
     agree,
-    are_close,
 )
 from .stepped.stepped_rows import objects_of
-from .stepped.stepped_volumes import FarVolumes
+from .still_volumes import StillVolumes
 
 _PROBES = 5
 """Times at which a plan is compared with Blender."""
@@ -49,8 +48,14 @@ class Plan:
     reason: str = ""  # why some are stepped; empty if none
     in_own_scene: bool = False
     presampled: dict[int, PresampledRig] = field(default_factory=dict)  # bodies posed by Blender
+    still: StillVolumes | None = None  # further effects; None without a test for them
     in_one_go: bool = False  # the own scene must be read in order
     is_sequential: bool = False  # a handler may depend on the order of frames
+
+    @property
+    def still_numbers(self) -> Collection[int]:
+        """Indices of the effects in ``still``."""
+        return () if self.still is None else self.still.numbers
 
     @property
     def note(self) -> str:
@@ -65,9 +70,7 @@ Agrees = Callable[[Plan, list[SceneRow]], bool]
 """Function that compares a plan's readings with rows of Blender's evaluation."""
 
 
-def plan_of(
-    found: HapticObjects, scene: SceneDescription, shapes: effect_values.ShapeCache
-) -> Plan:
+def plan_of(found: HapticObjects, scene: SceneDescription, shapes: ShapeCache) -> Plan:
     """Cheapest plan for a scene, before any comparison with Blender: F-curves where these define
     all values, else stepping. A scratch scene is stepped unless a dependency needs the own scene. A
     frame handler of another add-on forces the own scene, read in order. Shapes of rigid volumes are
@@ -75,17 +78,24 @@ def plan_of(
     handler = stepping.foreign_handler()
     if handler is not None:
         return Plan(reason=handler, in_own_scene=True, in_one_go=True, is_sequential=True)
-    plan = Plan()
     reasons = []
     # Shared: a parent of many objects is read and sampled once.
     parents = Parents()
-    for k in found.active:
-        effect, state = found.effects[k], found.activations[k]
-        shape = None
+
+    def curve_effect(k: int) -> CurveEffect:
+        """Effect by index, read from F-curves; NotModelledError if these do not define it."""
+        effect, shape = found.effects[k], None
         if effect.hfx.kind == "VOLUME" and is_steady(effect):
             shape = shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
+        return CurveEffect(effect, found.activations[k], shape, found.unit_m, parents)
+
+    plan = Plan(still=StillVolumes(found, scene, curve_effect))
+    still = {*plan.still_numbers}
+    for k in found.active:
+        if k in still:
+            continue
         try:
-            plan.effects[k] = CurveEffect(effect, state, shape, found.unit_m, parents)
+            plan.effects[k] = curve_effect(k)
         except NotModelledError as error:
             reasons.append(str(error))
     for k, (body, described) in enumerate(zip(found.bodies, scene.bodies, strict=True)):
@@ -131,12 +141,12 @@ def checked(
     # must not be disturbed, so such a scene is compared in a scratch scene.
     is_disturbed = haptics.simulation is None and has_simulation_anywhere(haptics.scene)
     in_own_scene = plan.in_own_scene or (stepping.runs_code(haptics.read) and not is_disturbed)
-    is_sampled = bool(plan.effects or plan.bodies or plan.presampled)
+    is_sampled = bool(plan.effects or plan.bodies or plan.presampled or plan.still_numbers)
     if plan.in_own_scene == in_own_scene and not is_sampled:
         return plan
     probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
-    confirmed = _confirmed(plan, haptics, scene)
-    effects = [k for k in haptics.active if k not in confirmed]
+    # Nothing moves still volumes at another time, and Blender has placed them.
+    effects = [k for k in haptics.active if k not in plan.still_numbers]
     truth = _as_evaluated(haptics, scene, reading, probes.tolist(), in_own_scene, effects)
     if agrees(plan, truth):
         return plan
@@ -145,7 +155,7 @@ def checked(
         plan = replace(plan, presampled={})
         if agrees(plan, truth):
             return plan
-    if plan.effects or plan.bodies:
+    if plan.effects or plan.bodies or plan.still_numbers:
         stepped = Plan(
             reason="a few frames came out differently from F-curves",
             in_own_scene=plan.in_own_scene,
@@ -158,22 +168,6 @@ def checked(
         in_own_scene=True,
         in_one_go=True,
     )
-
-
-def _confirmed(plan: Plan, haptics: HapticObjects, scene: SceneDescription) -> set[int]:
-    """Indices of still volumes with a placement equal to Blender's present one. Nothing moves these
-    at another time, so no step is compared."""
-    still = [k for k, effect in plan.effects.items() if effect.is_still]
-    volumes = FarVolumes(haptics, scene, still)
-    if not volumes.numbers:
-        return set()
-    shown = volumes.read(stepping.Stepper(haptics.scene, haptics.layer))
-    effects = [plan.effects[k] for k in volumes.numbers]
-    matrices = effect_values.to_metres(shown.matrices, haptics.unit_m)
-    matrices[:, :3, :3] *= np.array([effect.scale for effect in effects])[:, None]
-    read = np.stack([effect.still(1).matrices for effect in effects])[:, 0]
-    are_equal = shown.there & are_close(matrices, read).all(axis=(1, 2))
-    return {k for k, is_equal in zip(volumes.numbers, are_equal, strict=True) if is_equal}
 
 
 def _as_evaluated(

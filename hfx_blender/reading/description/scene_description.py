@@ -118,11 +118,12 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         of_bodiless = (f"Effect '{e.name}' {why}; {_CURE}." for e, why in bodiless.items())
         raise _refusal((*faults.values(), *of_bodiless))
     left_out += soundness.left_out(faults)
-    silent = effects.muted_effects(sound)
+    silent = {*effects.muted_effects(sound)}
     activations = [
         activation.SILENCED if e in silent else activation.activation_of(e) for e in sound
     ]
-    gone = {effect.name: ABSENT for effect in candidates if effect not in shown}
+    seen = {*shown}  # quick membership, for thousands of effects
+    gone = {effect.name: ABSENT for effect in candidates if effect not in seen}
     gone |= {effect.name: why for effect, why in bodiless.items()}
     return HapticObjects(
         scene,

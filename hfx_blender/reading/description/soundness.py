@@ -119,6 +119,7 @@ def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]
     return tuple(
         note
         for owner, name in owners.items()
+        if owner.animation_data is not None
         for note in _non_finite(name, compat.all_fcurves(owner))
     )
 

@@ -78,11 +78,20 @@ def tag_unreported(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
     changed = [
         obj
         for obj in (*effects.effects_of(scene), *effects.bodies_of(scene))
-        if _content(obj) != _content(obj.evaluated_get(layer.depsgraph))
+        for copy in [obj.evaluated_get(layer.depsgraph)]
+        # Raw values of most unchanged objects are equal, and quick to compare.
+        if _raw(obj) != _raw(copy) and _content(obj) != _content(copy)
     ]
     for obj in changed:
         obj.update_tag()
     return bool(changed)
+
+
+def _raw(obj: bpy.types.Object) -> str:
+    """Text of an object's stored values; a data-block in the values has another text in copies."""
+    values = [*obj.items(), ("hfx", compat.stored_properties(obj).get("hfx"))]
+    groups = [(k, v.to_dict() if hasattr(v, "to_dict") else v) for k, v in values]
+    return repr([(k, v.to_list() if hasattr(v, "to_list") else v) for k, v in groups])
 
 
 def _content(obj: bpy.types.Object) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import bpy
@@ -125,8 +126,10 @@ def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
     )
 
 
+@lru_cache(64)  # of thousands of silent effects
 def silence(count: int, modality: str) -> EffectBlock:
-    """Block of an effect at ``count`` times with level and parameters 0, without a placement."""
+    """Block of an effect at ``count`` times with level and parameters 0, without a placement;
+    shared by equal calls."""
     width = len(MODALITIES[modality].parameters)
     return EffectBlock(np.zeros(count), np.zeros((count, width)))
 
