@@ -16,6 +16,7 @@ import struct
 import zlib
 from collections.abc import Container, Iterator
 from contextlib import suppress
+from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
@@ -111,15 +112,16 @@ def _blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes,
     # Blender 5: 64-bit block sizes, in another order of fields.
     if magic == b"BLENDER17-01":
         _exactly(file, 5)
-        header, order = struct.Struct("<4siQqq"), (0, 1, 3)
+        header, fields = struct.Struct("<4siQqq"), itemgetter(0, 1, 3)
     elif re.fullmatch(rb"BLENDER[-_]v\d{3}", magic):
         header = struct.Struct("<4siQii" if magic[7:8] == b"-" else "<4siIii")
-        order = (0, 3, 1)
+        fields = itemgetter(0, 3, 1)
     else:
         raise ValueError("unknown .blend format")
+    # A file of ten thousand objects has a quarter of a million blocks.
+    can_seek, read, unpack, width = file.seekable(), file.read, header.unpack, header.size
     while True:
-        values = header.unpack(_exactly(file, header.size))
-        code, number, size = (values[k] for k in order)
+        code, number, size = fields(unpack(read(width)))
         if code == b"ENDB":
             return
         if size < 0:
@@ -127,7 +129,7 @@ def _blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes,
         if code == b"DNA1" or (number in structures and size <= _LARGEST):
             yield code, number, _exactly(file, size)
         # Decompressed streams cannot seek: unused blocks are read and dropped.
-        elif file.seekable():
+        elif can_seek:
             file.seek(size, os.SEEK_CUR)
         else:
             while size > 0:

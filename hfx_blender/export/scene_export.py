@@ -169,7 +169,7 @@ class SceneExport:
             )
             with TrackReader(track) as whole:
                 rendered = yield from rendering(whole, renderers)
-            return self._finish(track, recorders, recorded, rendered, folder, made_from or {})
+                return self._finish(whole, recorders, recorded, rendered, folder, made_from or {})
 
     def record_part(
         self,
@@ -212,8 +212,8 @@ class SceneExport:
                 rendered = finish(
                     rendering(whole, renderers_of_track(whole, self._settings.devices))
                 )
-            recorded = Recorded.merged([part.recorded for part in parts])
-            return self._finish(track, recorders, recorded, rendered, folder, made_from or {})
+                recorded = Recorded.merged([part.recorded for part in parts])
+                return self._finish(whole, recorders, recorded, rendered, folder, made_from or {})
 
     def _record(
         self,
@@ -247,47 +247,47 @@ class SceneExport:
 
     def _finish(
         self,
-        track: Path,
+        whole: TrackReader,
         recorders: SceneRecorders,
         recorded: Recorded,
         rendered: Rendered,
         folder: Path,
         made_from: Mapping[str, Any],
     ) -> ExportReport:
-        """Write the files and the report of a recorded track, and move them into ``folder``, the
-        report last. Stale files of silenced devices are removed. InputError for warnings if strict,
-        before any move."""
+        """Write the files and the report of a recorded track, close it, and move all into
+        ``folder``, the report last. Stale files of silenced devices are removed. InputError for
+        warnings if strict, before any move."""
         settings = self._settings
-        stem = track.with_name(track.name.removesuffix(SUFFIX))
+        stem = whole.path.with_name(whole.path.name.removesuffix(SUFFIX))
         answering = {
             effect.id
             for effect in self.reader.description.effects
             if isinstance(effect.area, HapticVolume) and effect.area.response
         }
-        with TrackReader(track) as whole:
-            effects, missed = effect_facts(
-                whole,
-                self._without_clip | self.reader.unfelt,
-                recorded.warnings,
-                is_part=is_partial(self.reader.found.scene, self.reader.time),
-                instances={effect.id for effect in self.reader.instances.descriptions},
-                times=recorded.times,
-                answering=answering,
-                seen_on=recorded.reading.get("on", {}),
-            )
-            unfelt = {line["effect"] for line in effects if not line["felt"]}
-            felt_lines = tuple(
-                line
-                for line in felt_effects(whole, recorded.times)
-                # Unfelt effects have lines for samples without strength only.
-                if line["effect"] not in unfelt
-                or (line["mean_vertices"] and line["effect"] not in self._without_clip)
-            )
-            written, rendered = self._write(whole, recorders, rendered, stem)
-            rasters = [raster for _, raster in rendered.played]
-            lost = not_played(whole.header, rasters, self._without_clip)
-            short = shortfalls(whole.header, rasters, self._without_clip)
-            short += below_threshold(whole.header, recorded.times)
+        effects, missed = effect_facts(
+            whole,
+            self._without_clip | self.reader.unfelt,
+            recorded.warnings,
+            is_part=is_partial(self.reader.found.scene, self.reader.time),
+            instances={effect.id for effect in self.reader.instances.descriptions},
+            times=recorded.times,
+            answering=answering,
+            seen_on=recorded.reading.get("on", {}),
+        )
+        unfelt = {line["effect"] for line in effects if not line["felt"]}
+        felt_lines = tuple(
+            line
+            for line in felt_effects(whole, recorded.times)
+            # Unfelt effects have lines for samples without strength only.
+            if line["effect"] not in unfelt
+            or (line["mean_vertices"] and line["effect"] not in self._without_clip)
+        )
+        written, rendered = self._write(whole, recorders, rendered, stem)
+        rasters = [raster for _, raster in rendered.played]
+        lost = not_played(whole.header, rasters, self._without_clip)
+        short = shortfalls(whole.header, rasters, self._without_clip)
+        short += below_threshold(whole.header, recorded.times)
+        whole.close()  # Windows moves no open file
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
         new_warnings = *recorded.warnings, *missed, *rendered.warnings, *silent, *written.left_out

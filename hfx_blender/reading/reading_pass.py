@@ -7,6 +7,7 @@ Stepped effects and bodies are read at single times; of volumes far from skin on
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -78,7 +79,8 @@ class ReadingPass:
         self.scene = scene
         self._reading = reading
         is_judged = lone_samples is None and not plan.is_sequential and not with_far
-        self._with_far = with_far
+        # None: judge by boxes. In a comparison no row has still volumes.
+        self._are_still_near = False if lone_samples is not None else with_far or None
         # Comparisons need placements and values only, so boxes replace meshes.
         reading.far = frozenset(() if lone_samples is None else self.stepped_effects)
         self.far_volumes = FarVolumes(haptics, scene, self.stepped_effects if is_judged else ())
@@ -233,11 +235,13 @@ class ReadingPass:
         still, effects = self.plan.still, self.scene.effects
         if still is None:
             return {}
-        near = itertools.repeat(True) if self._with_far else still.are_near(poses).tolist()
+        near: Iterable[bool] = itertools.repeat(bool(self._are_still_near))
+        if self._are_still_near is None:
+            near = still.are_near(poses).tolist()
         blocks = {}
         for k, is_near in zip(still.numbers, near, strict=False):
             blocks[k] = still.block(k, count) if is_near else silence(count, self._modality(k))
-            self.counters.on[effects[k].id] = True
+        self.counters.on |= dict.fromkeys((effects[k].id for k in still.numbers), True)
         return blocks
 
     def _effect_of(self, which: int, rows: list[SceneRow]) -> EffectBlock:

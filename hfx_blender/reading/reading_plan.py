@@ -48,7 +48,7 @@ class Plan:
     reason: str = ""  # why some are stepped; empty if none
     in_own_scene: bool = False
     presampled: dict[int, PresampledRig] = field(default_factory=dict)  # bodies posed by Blender
-    still: StillVolumes | None = None  # further effects; None without a test for them
+    still: StillVolumes | None = None  # further effects
     in_one_go: bool = False  # the own scene must be read in order
     is_sequential: bool = False  # a handler may depend on the order of frames
 
@@ -89,7 +89,8 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: ShapeCache) -
             shape = shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
         return CurveEffect(effect, found.activations[k], shape, found.unit_m, parents)
 
-    plan = Plan(still=StillVolumes(found, scene, curve_effect))
+    still_volumes = StillVolumes(found, scene, curve_effect)
+    plan = Plan(still=still_volumes if still_volumes.numbers else None)
     still = {*plan.still_numbers}
     for k in found.active:
         if k in still:

@@ -36,7 +36,7 @@ _PATHS: Final = ("CURVE", "SURFACE", "FONT")
 class StillVolumes:
     """Still volumes of a scene that are always on, with finite values and a usable placement.
 
-    ``numbers`` are their indices in the scene description, ascending; none below :data:`_FEWEST`.
+    ``numbers`` are their indices in the scene description, ascending.
     ``make(k)`` reads volume ``k`` in full; called once, for volumes near skin.
     """
 
@@ -52,7 +52,6 @@ class StillVolumes:
         # A flattened volume gives a warning even far from skin, so it is not still here.
         is_placed = inverse_placement(self._matrices)[1] & (shown.boxes[:, 1] > 0.0).all(axis=1)
         is_placed &= shown.there & (np.abs(self._matrices) <= FARTHEST).all(axis=(1, 2))
-        is_placed &= np.count_nonzero(is_placed) >= _FEWEST
         self._places = VolumePlacements(is_placed[None], shown.matrices[None], shown.boxes[None])
         self.numbers = tuple(np.array(self._volumes.numbers, np.int64)[is_placed].tolist())
         self._rows = dict(zip(self.numbers, np.flatnonzero(is_placed).tolist(), strict=True))
@@ -61,7 +60,9 @@ class StillVolumes:
 
     def are_near(self, poses: Sequence[PoseBlock]) -> Bool:
         """Mask (n,) over ``numbers`` of volumes with a box that meets a body's skin box over a
-        block; True for unknown skin. ``poses``: one per body of the scene."""
+        block; True for unknown skin, and for all of few. ``poses``: one per body of the scene."""
+        if len(self.numbers) < _FEWEST:
+            return np.ones(len(self.numbers), np.bool_)
         return self._volumes.are_near(self._places, poses)[self._places.there[0]]
 
     def block(self, which: int, count: int) -> EffectBlock:
