@@ -55,8 +55,10 @@ def rows_of_tracks(
         fitting.append(numbers)
         high -= height + gap
     unseen = {k for k, mask in enumerate(masks) if not (mask > 0).any()}
-    tracks = arranged_tracks(fitting, blocks, _folded, unseen)
-    if tracks is None:  # rows of other owners of animation, as materials
+    filters = context.space_data.dopesheet
+    is_filtered = bool(filters.filter_text or filters.filter_collection)
+    tracks = None if is_filtered else arranged_tracks(fitting, blocks, _folded, unseen)
+    if tracks is None:  # a search, or rows of other owners of animation, as materials
         tracks = certain_tracks([numbers or [] for numbers in fitting])
     for row, number in enumerate(tracks):
         is_effect = number is not None and pairs[number][0].hfx.role == "EFFECT"
