@@ -256,13 +256,13 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
         row.scale_y = 1.3
         if canvas is None:
             row.operator("hfx.paint_begin", icon="BRUSH_DATA")
+            layout = row
         else:
             row.operator("hfx.paint_end", icon="CHECKMARK")
             if not strips_of(effect):
                 layout.operator("hfx.add_clip", text="Finish, Add Clip", icon="NLA")
             layout.prop(canvas.data, "use_mirror_x", text="Paint Both Sides", icon="MOD_MIRROR")
-            row = layout.row()
-        row.operator("hfx.area_atlas", icon="UV")
+            layout.operator("hfx.area_atlas", icon="UV")
         layout.operator_menu_enum("hfx.fill_part", "part", icon="MOD_ARMATURE")
 
 
@@ -281,6 +281,7 @@ class HFX_PT_area_transfer(HfxPanel, bpy.types.Panel):
                 row.operator("hfx.area_filter", text=action.title()).action = action
         layout.operator_menu_enum("hfx.area_mirror", "action", icon="MOD_MIRROR")
         column = layout.column(align=True)
+        column.operator("hfx.area_atlas", icon="UV")
         column.operator("hfx.area_from_selection", icon="RESTRICT_SELECT_OFF")
         column.operator("hfx.area_from_image", icon="IMAGE_DATA")
         column = layout.column(align=True)
