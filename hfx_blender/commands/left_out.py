@@ -13,7 +13,7 @@ from ..processes.tools_package import has_tools, tools_module
 
 COMMANDS: Final = (
     *("demo", "export", "sound", "info", "validate", "convert", "play", "feel", "study"),
-    *("body", "device", "profile", "texture", "bench", "doctor"),
+    *("body", "device", "bridge", "profile", "texture", "bench", "doctor"),
 )
 """All commands of pip's ``hfx``, in the order of the help text."""
 _IN_EXTENSION: Final = ("export", "doctor")
