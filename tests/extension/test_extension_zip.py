@@ -26,8 +26,8 @@ from strange_modules import CHILDREN, fill
 import build_addon
 import hfx_blender
 from hfx_blender import cli
-from hfx_blender.commands import left_out
 from hfx_blender.formats.registry import FORMATS
+from hfx_blender.processes import tools_package
 from release import (
     addon_wheels,
     native_build,
@@ -142,7 +142,7 @@ def test_packed_modules_import_packed_modules_only() -> None:
                 f"{module_name(path)}:{actual.line} imports {actual.module}"
             )
         # These modules search for commands of a pip installation.
-        if path.name not in ("left_out.py", "child.py", "start.py", "registry.py"):
+        if path.name not in ("tools_package.py", "child.py", "start.py", "registry.py"):
             code = re.sub(r'"""[\s\S]*?"""|#.*', "", path.read_text(encoding="utf-8"))
             assert "hfx_tools" not in code, path
 
@@ -161,7 +161,7 @@ def test_functions_of_formats_that_blender_calls_are_packed() -> None:
 def test_left_out_commands_say_where_they_are(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(left_out, "PACKAGE", "hfx_blender.nowhere")
+    monkeypatch.setattr(tools_package, "PACKAGE", "hfx_blender.nowhere")
     for command in ("demo", "info", "play", "bench", "texture"):
         assert cli.run([command, "--json"]) == 2
         assert f"'{command}' is not part of the extension" in capsys.readouterr().err
