@@ -51,12 +51,10 @@ def counted(names: Sequence[str], sentence: str) -> tuple[str, ...]:
     return (f"{sentence}: {len(names)} ({named(names)})",) if names else ()
 
 
-MOST_LINES: Final = 40
-"""Largest number of warnings, and of notes, in a terminal or popup."""
+MOST_LINES: Final = 40  # largest number of warnings, and of notes, in a terminal or popup
 
 
-MOST_KEPT: Final = 1000
-"""Largest number of warnings in a report file and in a track."""
+MOST_KEPT: Final = 1000  # largest number of warnings in a report file and in a track
 
 
 def shortened(texts: Iterable[str], most: int = MOST_KEPT) -> tuple[str, ...]:

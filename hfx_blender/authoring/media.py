@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-START = "hfx_video_start"
-"""ID property of a screen or world: start frame of its video."""
-
+START = "hfx_video_start"  # ID property of a screen or world: start frame of its video
 _LONGEST = 300_000  # frames; limit of an image user in all Blender versions
 
 _SCREEN_HEIGHT = 2.2

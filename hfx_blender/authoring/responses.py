@@ -30,8 +30,7 @@ _PROPERTIES: Final = {
     FilterKind.PROXIMITY: ("influence", "reach", "exponent"),
     FilterKind.SINE: ("influence", "frequency", "depth", "phase"),
 }
-LENGTHS: Final = frozenset({"near", "far", "reach", "wavelength"})
-"""Properties in Blender units."""
+LENGTHS: Final = frozenset({"near", "far", "reach", "wavelength"})  # properties in Blender units
 
 
 PATH: Final = re.compile(r"hfx\.response\[(\d+)\]\.(\w+)$")

@@ -28,20 +28,13 @@ from .workers.haptics import encode_haptics
 from .workers.message_bodies import decode_values
 
 FeltRuns = list[tuple[SampleRun, F64]]
-
-START_S: Final = 60.0
-"""Time limit for the start of a script, seconds, which includes its imports."""
-
-ROW_S: Final = 10.0
-"""Time limit for one row, seconds; live the limit is 0.1."""
-
+START_S: Final = 60.0  # time limit for the start of a script, seconds, which includes its imports
+ROW_S: Final = 10.0  # time limit for one row, seconds; live the limit is 0.1
 SUM_S: Final = 60.0
 SUM_ROW_S: Final = 0.1
 """Time limit for all rows, seconds: the sum of ``SUM_S`` and ``SUM_ROW_S`` for each row."""
 
-PRINTED: Final = 20
-"""Largest number of printed lines in the report, for each device and body."""
-
+PRINTED: Final = 20  # largest number of printed lines in the report, for each device and body
 _BATCH_ROWS: Final = 64
 # Size of a batch of rows, bytes; the next batch is in the pipe during the work on one.
 _BATCH_BYTES: Final = 1 << 20

@@ -17,10 +17,7 @@ from .strict_json import Place, parse, shown, shown_place
 MAX_FINDINGS: Final = 1000
 
 Severity = Literal["error", "warning"]
-
-ToleratedFaults = tuple[str, ...]
-"""Sentences about tolerated faults of a file."""
-
+ToleratedFaults = tuple[str, ...]  # sentences about tolerated faults of a file
 _HUGE: Final = 1e15
 
 

@@ -13,14 +13,9 @@ from typing import Final
 
 from ..errors import InputError
 
-FRAMES: Final = "<FRAMES>"
-"""Placeholder of the frame number in the name of a file sequence."""
-
-MOST_FILES: Final = 100_000
-"""Largest number of files in one folder: a .blend may name any folder."""
-
-FOLDER: Final = "a folder"
-"""State of a folder in the place of a file, regardless of its content."""
+FRAMES: Final = "<FRAMES>"  # placeholder of the frame number in the name of a file sequence
+MOST_FILES: Final = 100_000  # largest number of files in one folder: a .blend may name any folder
+FOLDER: Final = "a folder"  # state of a folder in the place of a file, regardless of its content
 
 TOO_MANY: Final = "too many files"
 """State of a folder of more than :data:`MOST_FILES`; counts as changed in every comparison."""

@@ -24,10 +24,8 @@ from ..errors import InputError
 from .findings import Finding, Report, sentence
 from .strict_json import SHOWN, Place, parse, read_bytes, shown, shown_place
 
-MAX_OWN_BYTES: Final = 1 << 20
-"""Default size limit of this program's own files, bytes."""
-MAX_OWN_DEPTH: Final = 16
-"""Nesting limit of this program's own files."""
+MAX_OWN_BYTES: Final = 1 << 20  # default size limit of this program's own files, bytes
+MAX_OWN_DEPTH: Final = 16  # nesting limit of this program's own files
 
 
 @dataclass(frozen=True)

@@ -62,8 +62,7 @@ class Limit:
 MEMORY: Final = Limit(float(1 << 30), "bytes")
 """Limit on arrays held at a time: an hour at 1 kHz of 37 values, a day at 100 Hz of 15."""
 
-SECONDS: Final = Limit(86_400.0, "s")
-"""A day of envelopes."""
+SECONDS: Final = Limit(86_400.0, "s")  # a day of envelopes
 
 UNFOLDED: Final = Limit(2e6, "effects and keyframes")
 """Limit on the expansion of a file's references, all of them together."""
@@ -71,8 +70,7 @@ UNFOLDED: Final = Limit(2e6, "effects and keyframes")
 OVERLAP: Final = Limit(2e7, "keyframes")
 """Limit on overlapping sounds, counted for each piece that sounds."""
 
-PIXELS: Final = Limit(float(1 << 26), "pixels")
-"""Limit on one picture: 8192 x 8192."""
+PIXELS: Final = Limit(float(1 << 26), "pixels")  # limit on one picture: 8192 x 8192
 
 UNPACKED: Final = Limit(float(1 << 28), "bytes")
 """Limit on the unpacked size of any file, however small it is; :func:`check_unfolded`

@@ -16,9 +16,7 @@ from typing import Final
 
 from ..errors import OutputError
 
-PATIENCE_S: Final = 5.0
-"""Time limit for taking a lock that another process holds, seconds."""
-
+PATIENCE_S: Final = 5.0  # time limit for taking a lock that another process holds, seconds
 _RETRY_S: Final = 0.01
 
 NEW_S: Final = 60.0

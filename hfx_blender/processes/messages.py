@@ -14,12 +14,8 @@ from collections.abc import Iterator
 from enum import IntEnum
 from typing import IO, Any, Final, NamedTuple
 
-MAX_BODY: Final = 1 << 24
-"""Largest body of a message, 16 MiB; 16 times as much for the kind JSON."""
-
-EVERY_DEVICE: Final = 0xFFFF
-"""Number for all devices, and of messages without a number."""
-
+MAX_BODY: Final = 1 << 24  # largest body of a message, 16 MiB; 16 times as much for the kind JSON
+EVERY_DEVICE: Final = 0xFFFF  # number for all devices, and of messages without a number
 _HEAD: Final = struct.Struct("<IBH")
 
 

@@ -31,9 +31,7 @@ _LAST_WORDS_S: Final = 1.0
 _STDIN: Final = 0
 _STDOUT: Final = 1
 STDERR: Final = 2
-
-_PIPE: Final = 4096
-"""Bytes that an empty pipe takes without blocking, on every system."""
+_PIPE: Final = 4096  # bytes that an empty pipe takes without blocking, on every system
 
 
 class Worker:

@@ -34,11 +34,8 @@ from .stepped.instances import Key
 from .stepped.stepped_reading import EffectRow, PoseRow, SteppedReading, effect_block, pose_block
 from .stepped.stepping import Stepper
 
-LONGEST_STEP_S = 0.3
-"""Longest time between two related moments; later moments start without memory."""
-
-FEWEST = 64
-"""Slots of a source without present instances, for particles of later frames."""
+LONGEST_STEP_S = 0.3  # longest time between two related moments; later moments start without memory
+FEWEST = 64  # slots of a source without present instances, for particles of later frames
 
 # Properties of bodies and effects that a description holds; animated ones are read at each moment.
 _CONSTANT_PROPERTIES = attrgetter(

@@ -23,12 +23,8 @@ SENSATION = "hfx_sensation"
 """ID property of an asset's empty: the sensation's file name without suffix."""
 
 LIBRARY_FILE = "sensations.blend"
-
-AUTHOR = "HFX"
-"""Author in the metadata of the assets."""
-
-_ON_BODY_M = 0.1
-"""Largest distance of a drop on a body from the avatar's bounding box."""
+AUTHOR = "HFX"  # author in the metadata of the assets
+_ON_BODY_M = 0.1  # largest distance of a drop on a body from the avatar's bounding box
 
 
 def dropped_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:

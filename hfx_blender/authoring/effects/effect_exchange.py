@@ -35,8 +35,7 @@ from .effect_file import (
 )
 from .effect_values import LAW, contact_law
 
-OWN = "own/"
-"""Prefix of the names of the user's sensations."""
+OWN = "own/"  # prefix of the names of the user's sensations
 
 
 def library() -> dict[str, Path]:

@@ -20,12 +20,8 @@ from .. import clips
 from ..paths import paths
 from . import effects
 
-GENERATOR = "hfx_rain"
-"""ID property of the effects of one rain: its name."""
-
-MAX_PLACES = 64
-"""Largest number of different drop positions."""
-
+GENERATOR = "hfx_rain"  # ID property of the effects of one rain: its name
+MAX_PLACES = 64  # largest number of different drop positions
 _PARTS = ("head", "upper_arm", "forearm", "hand_dorsum")
 _DROP_S = 0.06
 _RISE_S, _FADE_S = 0.002, 0.04

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from ...engine.volume.mesh_distance import SurfaceLocator
 
 
-SKIN_MODEL = "hfx-pressure-1"
-"""Perceptual model with an even density on all skin."""
+SKIN_MODEL = "hfx-pressure-1"  # perceptual model with an even density on all skin
 
 
 @lru_cache(maxsize=1)

@@ -34,11 +34,8 @@ from ...files.json_shapes import PRINTABLE, Anything, Items, Node, Number, Text,
 from .device_shape import ID, MAX_ACTUATORS
 
 MODEL: Final = "hfx-vibration-1"
-MAP_EYE_HEIGHT_M: Final = 1.585
-"""Eye height of the avatar of node maps, metres above the floor."""
-EYE_HEIGHT_M: Final = 1.685
-"""Eye height of the perceptual models in rest, metres above the floor."""
-
+MAP_EYE_HEIGHT_M: Final = 1.585  # eye height of the avatar of node maps, metres above the floor
+EYE_HEIGHT_M: Final = 1.685  # eye height of the perceptual models in rest, metres above the floor
 _TORSO: Final = ("torso",)
 _LIMB: Final = {
     "Shoulder": _TORSO,

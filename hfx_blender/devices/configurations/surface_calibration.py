@@ -14,9 +14,7 @@ from ...errors import InputError
 from ...files import resources
 from ...files.atomic import amend_json
 
-ANY_DEVICE = ""
-"""Key of the value for devices without a value."""
-
+ANY_DEVICE = ""  # key of the value for devices without a value
 _MOST_PER_M = 1e9
 
 

@@ -40,8 +40,7 @@ _REPEAT_S: Final = 1.0
 _LONGEST_S: Final = 300.0  # an abandoned search ends
 
 
-Choices = tuple[tuple[str, str], ...]
-"""Value of a setting, and description."""
+Choices = tuple[tuple[str, str], ...]  # value of a setting, and description
 
 
 @dataclass(frozen=True)

@@ -27,9 +27,7 @@ from .websocket import WebSocket
 DURATION_MS: Final = 100
 """Duration of a frame in the Player, ms; without a further frame it is silent then."""
 
-INTERVAL_S: Final = 0.02
-"""Shortest time between two frames, seconds: the Player's own rate."""
-
+INTERVAL_S: Final = 0.02  # shortest time between two frames, seconds: the Player's own rate
 APP_ID: Final = "HFX_BHAPTICS_APP_ID"
 API_KEY: Final = "HFX_BHAPTICS_API_KEY"
 """Environment variables with application id and key of the second SDK."""

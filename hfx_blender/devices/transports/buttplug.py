@@ -21,9 +21,7 @@ from ..host.output import OutputLostError, shown
 from .reservations import Keys, are_free, release, reserve, server_key
 from .websocket import WebSocket
 
-ANSWER_S: Final = 3.0
-"""Time limit for an answer of a server, seconds."""
-
+ANSWER_S: Final = 3.0  # time limit for an answer of a server, seconds
 _LEAST_INTERVAL_S: Final = 0.02
 # Bounds of the interval between two commands, seconds, for any demand of a server.
 _LONGEST_INTERVAL_S: Final = 0.25

@@ -43,8 +43,7 @@ MAX_FREQUENCY_HZ: Final = 1000.0
 RATE_HZ: Final = 48_000
 """Sample rate."""
 
-RAMP_S: Final = 0.005
-"""Duration of ramps to new amplitudes and frequencies, seconds; avoids clicks."""
+RAMP_S: Final = 0.005  # duration of ramps to new amplitudes and frequencies, seconds; avoids clicks
 
 
 class Oscillators:

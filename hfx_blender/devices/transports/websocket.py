@@ -29,8 +29,7 @@ OPEN_S: Final = 3.0
 MAX_MESSAGE: Final = 1 << 20
 """Longest message of a server, bytes."""
 
-MAX_WAITING: Final = 1 << 16
-"""Most unsent bytes; twice as many for stop messages."""
+MAX_WAITING: Final = 1 << 16  # most unsent bytes; twice as many for stop messages
 
 STALLED_S: Final = 1.0
 """Time without reading by the server, seconds, after which the connection counts as lost. A lost

@@ -26,13 +26,8 @@ from ..host.output import OutputLostError, shown
 from .serial_port import STOPS, SerialPort
 
 VERSION: Final = 1
-
-MAX_FRAME: Final = 96
-"""Longest encoded frame, bytes."""
-
-FULL_SCALE: Final = 0xFFFF
-"""Level of an actuator's maximum."""
-
+MAX_FRAME: Final = 96  # longest encoded frame, bytes
+FULL_SCALE: Final = 0xFFFF  # level of an actuator's maximum
 _HEAD: Final = struct.Struct("<BBH")
 _CRC: Final = struct.Struct("<I")
 _CONFIGURE: Final = struct.Struct("<IBHI")  # session, channels, dead-man ms, maximum on ms
@@ -44,9 +39,7 @@ START_S: Final = 5.0
 """Time limit for the first answer, seconds: opening the port restarts an Arduino Uno, and the boot
 loader takes two seconds."""
 
-ANSWER_S: Final = 0.5
-"""Time limit for later answers to a configuration, seconds."""
-
+ANSWER_S: Final = 0.5  # time limit for later answers to a configuration, seconds
 _RETRY_S: Final = 0.1
 _MOST_NOISE: Final = 100
 

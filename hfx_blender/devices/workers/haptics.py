@@ -20,8 +20,7 @@ from ...engine.samples import SampleRun
 from ...processes.messages import MessageError
 from .message_bodies import Array, as_row, decode_arrays, encode_arrays
 
-API_VERSION: Final = 1
-"""Version of the interface of scripts; an approval is valid for one version."""
+API_VERSION: Final = 1  # version of the interface of scripts; an approval is valid for one version
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,7 @@ SCENE_S: Final = 60.0
 MOMENT_S: Final = 0.25
 """Time limit for rendering a moment, seconds; equal to that for Blender's messages."""
 
-Questions = Mapping[int, Question]
-"""Requests of the device threads, by device number."""
+Questions = Mapping[int, Question]  # requests of the device threads, by device number
 
 
 class RenderProcess:

@@ -22,16 +22,12 @@ from ..host.output import PATIENCE_S
 from ..live.approval import Approval
 from .message_bodies import decode_values
 
-READY_S: Final = 10.0
-"""Time limit for the start of a script, seconds, which includes its imports."""
-
+READY_S: Final = 10.0  # time limit for the start of a script, seconds, which includes its imports
 FAULTS: Final = 3
 FAULTS_WITHIN_S: Final = 60.0
 """Time in which :data:`FAULTS` faults keep a script off, seconds."""
 
-Answer = Callable[[F64], None]
-"""Takes values (columns,)."""
-
+Answer = Callable[[F64], None]  # takes values (columns,)
 _NUMBERS: Final = 1 << 16
 
 WITHDRAWN: Final = "the approval of its script was withdrawn"

@@ -8,7 +8,5 @@ from __future__ import annotations
 
 from typing import Final
 
-DETAIL: Final = 1
-"""Default level of detail of bodies: 10 to 20 mm on the torso, as in the paper."""
-
+DETAIL: Final = 1  # default level of detail of bodies: 10 to 20 mm on the torso, as in the paper
 COARSEST: Final = 2

@@ -49,8 +49,7 @@ def _records() -> dict[str, np.dtype[Any]]:
     }
 
 
-RECORDS: Final = _records()
-"""Record type of each section, in the order of the file."""
+RECORDS: Final = _records()  # record type of each section, in the order of the file
 
 
 class Texts:

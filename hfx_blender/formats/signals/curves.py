@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from ...engine.arrays import F64
 
-_MARGIN: Final = 1e-6
-"""Share of a tolerance reserved for rounding."""
+_MARGIN: Final = 1e-6  # share of a tolerance reserved for rounding
 
 _SILENT: Final = 0.01
 """Share of a tolerance within which a keyframe becomes 0, where silence must be exact."""

@@ -22,15 +22,9 @@ from ...errors import InputError
 from ...files import limits
 from .curves import Curve, clipped, simplified
 
-DEFAULT_TOLERANCE: Final = 0.01
-"""Largest amplitude error, a share of full scale."""
-
-MAX_HZ: Final = 1000.0
-"""Upper limit of vibrotactile perception, hertz."""
-
-TICK_S: Final = 0.022
-"""Fade duration of a tick, seconds, as in HJIF's reference software."""
-
+DEFAULT_TOLERANCE: Final = 0.01  # largest amplitude error, a share of full scale
+MAX_HZ: Final = 1000.0  # upper limit of vibrotactile perception, hertz
+TICK_S: Final = 0.022  # fade duration of a tick, seconds, as in HJIF's reference software
 _SHOWN: Final = 60  # characters of a metadata text in a note
 
 

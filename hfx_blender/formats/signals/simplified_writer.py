@@ -17,10 +17,7 @@ from .signals import FrequencyRange, Signal, simplified_signals
 
 Decoder = Callable[[bytes, str], tuple[list[Signal], FrequencyRange]]
 SignalWriter = Callable[[list[Signal], FrequencyRange, Path, float], Written]
-
-WHOLE_MS: Final = 1e-3
-"""Time resolution, seconds, of formats with whole milliseconds."""
-
+WHOLE_MS: Final = 1e-3  # time resolution, seconds, of formats with whole milliseconds
 _STEP_S: Final = 2e-6  # duration of a step in a simplified curve, with its rounding
 
 

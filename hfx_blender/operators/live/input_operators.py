@@ -24,8 +24,7 @@ from ...tracking.value_addresses import address_of, is_used
 from ..shared import HfxOperator, active_body, active_effect
 from .connect_operators import LiveOperator
 
-VMC_PORT: Final = 39539
-"""Port of the VMC protocol for programs that receive a body."""
+VMC_PORT: Final = 39539  # port of the VMC protocol for programs that receive a body
 VALUES_PORT: Final = 39600
 
 REACHES = (

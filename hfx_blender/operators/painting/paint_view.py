@@ -39,8 +39,7 @@ _OPACITY = 0.8
 
 _LEAST_PIXELS, _MOST_PIXELS = 4.0, 500.0
 
-_UNPAINTED = (0.3, 0.3, 0.35, 1.0)
-"""Colour of weight 0."""
+_UNPAINTED = (0.3, 0.3, 0.35, 1.0)  # colour of weight 0
 
 _before: dict[int, tuple[list[dict[str, Any]], float]] = {}
 """Views and opacity before painting, by the viewport's pointer; for as long as Blender runs."""

@@ -37,8 +37,7 @@ from ...reading.description.scene_settings import live_tolerance, load_scene_dev
 from ...reading.scene_reader import SceneReader
 from ...reading.stepped.reached import sources_of
 
-MOST_SAMPLES = 20_000
-"""Limit of samples: longer scenes are sampled once a frame, or not at all."""
+MOST_SAMPLES = 20_000  # limit of samples: longer scenes are sampled once a frame, or not at all
 
 MOST_BYTES = 64_000_000
 """Memory limit of cached samples, bytes. Later samples are evaluated when drawn, without latency

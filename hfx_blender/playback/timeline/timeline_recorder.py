@@ -20,8 +20,7 @@ from ..evaluation import evaluation
 if TYPE_CHECKING:
     from .timeline_record import TimelineRecord
 
-QUIET_S = 0.5
-"""Time without an edit before recording starts, seconds."""
+QUIET_S = 0.5  # time without an edit before recording starts, seconds
 
 # Types of data without influence on haptic samples.
 _CHANGES_NOTHING = frozenset(

@@ -18,14 +18,10 @@ from ...blender import compat
 from ...engine.arrays import F32, F64, I64
 from ...engine.kinematics.keyframe_curves import Interpolation, KeyedCurves
 
-Channel = tuple[str, int]
-"""RNA path and array index of an animated property."""
-
+Channel = tuple[str, int]  # RNA path and array index of an animated property
 _LAST_KIND = int(max(Interpolation))
 _BEZIER = int(Interpolation.BEZIER)
-
-_MOST_REPEATS = 1000
-"""Blender's limit on the repetitions of a strip."""
+_MOST_REPEATS = 1000  # Blender's limit on the repetitions of a strip
 
 
 class NotModelledError(Exception):

@@ -19,9 +19,7 @@ from ...engine.scene import TimeBase
 from ...errors import InputError
 
 _FRAME_RATES = (0.001, 10_000.0)
-
-MOST_SAMPLES = 2**24
-"""Largest number of samples: 46 hours at 100 Hz; a memory limit."""
+MOST_SAMPLES = 2**24  # largest number of samples: 46 hours at 100 Hz; a memory limit
 
 
 def time_base(

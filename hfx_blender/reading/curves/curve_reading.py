@@ -24,8 +24,7 @@ from ..description.soundness import animated_paths
 from .animation_curves import NotModelledError
 from .fcurve_kinematics import Parents, PlainObject, rest_value
 
-_CHUNK = 256
-"""Samples in a chunk: sampling has a high fixed cost."""
+_CHUNK = 256  # samples in a chunk: sampling has a high fixed cost
 
 
 class CurveEffect:
@@ -207,8 +206,7 @@ def is_rigid(effect: bpy.types.Object) -> bool:
     return True
 
 
-_DEFORMING = ("ARMATURE", "LATTICE")
-"""Parenting types deforming a mesh like a modifier."""
+_DEFORMING = ("ARMATURE", "LATTICE")  # parenting types deforming a mesh like a modifier
 
 
 def _refuse_deformed(effect: bpy.types.Object) -> None:

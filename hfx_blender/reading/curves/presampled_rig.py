@@ -19,8 +19,7 @@ from .animation_curves import AnimatedValues, NotModelledError
 from .animation_time import animation_frames
 from .fcurve_kinematics import BONE_PATH, WIDTHS, rest_value
 
-_CHUNK = 128
-"""Times sampled together, at fixed positions in time."""
+_CHUNK = 128  # times sampled together, at fixed positions in time
 
 
 class PresampledRig:

@@ -18,9 +18,7 @@ from ...engine.arrays import F64
 from ...engine.scene import ActuatorArea, HapticSurface, SpotArea
 from ...errors import InputError
 
-Value = Callable[[str], F64]
-"""Function from a property path below ``hfx`` to values (T,)."""
-
+Value = Callable[[str], F64]  # function from a property path below ``hfx`` to values (T,)
 _DRIVE = re.compile(r"hfx\.drive\[(\d+)\]\.value")
 
 PLACE = ("path_position", "radius")

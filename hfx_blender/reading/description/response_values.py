@@ -17,8 +17,7 @@ from ...engine.response_filters.envelope import longest_s
 from ...engine.scene import HapticVolume, TimeBase
 from ..curves.animation_time import animation_frames
 
-_STEPS_A_FRAME = 4
-"""Integration steps per frame for a variable frequency."""
+_STEPS_A_FRAME = 4  # integration steps per frame for a variable frequency
 
 
 def volume_of(effect: bpy.types.Object) -> HapticVolume:

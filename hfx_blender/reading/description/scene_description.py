@@ -44,8 +44,7 @@ from ..stepped.simulation import Simulation
 from . import activation, area_values, response_values, soundness, visibility
 from .scene_settings import scene_feel
 
-IN_SCENE = ("VOLUME", "SURFACE")
-"""Kinds of effects in the scene; bodies must be posed for them."""
+IN_SCENE = ("VOLUME", "SURFACE")  # kinds of effects in the scene; bodies must be posed for them
 
 
 ABSENT = "is disabled in viewports or excluded from the view layer"

@@ -20,9 +20,7 @@ from ...blender.stored_values import BadValue
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 
-MOST_FILTERS = 64
-"""Largest number of filters in a contact response."""
-
+MOST_FILTERS = 64  # largest number of filters in a contact response
 _OF_BODIES = frozenset({"follow", "avatar", "avatar_parts", "fit_kept", "bone_map", "uid"})
 _OF_NOBODY = frozenset({"envelope", "response_active", "bone_map_active", "bone_map_region"})
 SIZES = {
@@ -33,8 +31,7 @@ SIZES = {
 }
 """Size properties of each volume shape."""
 
-_LARGEST = np.finfo(np.float32).max
-"""Blender's stored value of an infinite key."""
+_LARGEST = np.finfo(np.float32).max  # Blender's stored value of an infinite key
 
 _FIXED = re.compile(
     r"hfx\.(role|kind|modality|response\[\d+\]\.(kind|operation|about|domain|is_muted))"

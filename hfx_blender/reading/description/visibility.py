@@ -18,8 +18,7 @@ from ...blender import compat, scene_info
 if TYPE_CHECKING:
     from ...engine.scene import SceneDescription  # Blender's start does not wait for it
 
-PATH = "hide_viewport"
-"""Property of the monitor icon."""
+PATH = "hide_viewport"  # property of the monitor icon
 
 
 def is_keyed(obj: bpy.types.Object, path: str = PATH) -> bool:

@@ -42,11 +42,8 @@ from .reached import data_reached_from, data_reaching, is_instancer, is_volume, 
 from .stepped_reading import EffectRow, effect_block
 from .stepping import Stepper
 
-MOST = 4096
-"""Largest number of instances of haptic volumes in a scene."""
-
-_NO_NUMBER = 2**31 - 1
-"""Filler value in unused levels of a persistent id in Blender."""
+MOST = 4096  # largest number of instances of haptic volumes in a scene
+_NO_NUMBER = 2**31 - 1  # filler value in unused levels of a persistent id in Blender
 
 Key = tuple[str, str, tuple[int, ...]]
 """Full name of the source, full name of the instancer ("" without), and persistent id."""

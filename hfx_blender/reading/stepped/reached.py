@@ -10,8 +10,7 @@ import bpy
 from ...authoring.effects import swarms
 from ...blender.scene_info import scene_objects
 
-Reference = tuple[bpy.types.ID, bpy.types.ID]
-"""(user, used) data-blocks."""
+Reference = tuple[bpy.types.ID, bpy.types.ID]  # (user, used) data-blocks
 
 
 def is_instancer(obj: bpy.types.ID) -> bool:

@@ -22,8 +22,7 @@ _PHYSICS = {
 }
 """Modifiers with motion or deformation besides F-curves."""
 
-_MOVING_PAINT = {"DISPLACE", "WAVE"}
-"""Surface types of dynamic paint that deform a mesh."""
+_MOVING_PAINT = {"DISPLACE", "WAVE"}  # surface types of dynamic paint that deform a mesh
 
 _CACHED = {"CLOTH", "SOFT_BODY"}
 """Modifiers with a point cache; their step length depends on time remapping."""
