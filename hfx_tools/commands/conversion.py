@@ -171,7 +171,9 @@ def _of_file(
         assert config is not None
         return write(target.id, _raster(source, info, config), config, stem, tolerance)
     signals, frequencies = (
-        _of_sound(source, sound or SoundSettings(), config) if is_sound else read_signals(source)
+        _of_sound(source, sound or SoundSettings(), config, target)
+        if is_sound
+        else read_signals(source)
     )
     if not signals:
         raise InputError(f"{source}: holds no vibration.")
@@ -193,10 +195,10 @@ def _of_file(
 
 
 def _of_sound(
-    source: Path, settings: SoundSettings, device: DeviceConfig | None
+    source: Path, settings: SoundSettings, device: DeviceConfig | None, target: FormatInfo
 ) -> tuple[list[Signal], FrequencyRange]:
-    """Signal that follows a sound, and its frequencies: those of the device, if any, where the
-    settings state none. InputError for a file that is no sound."""
+    """Signal that follows a sound, and its frequencies: where the settings state none, those of
+    the device, or the range that the format holds. InputError for a file that is no sound."""
     blocks, rate_hz, notes = sound_reading.blocks_of(source)
     if device is not None and not settings.frequencies.is_stated:
         controls = [a.type.controls[1] for a in device.actuators if a.type.modality == "vibration"]
@@ -204,6 +206,12 @@ def _of_sound(
             lowest = min(control.lowest for control in controls)
             highest = max(control.highest for control in controls)
             settings = replace(settings, frequencies=FrequencyRange(lowest, min(highest, MAX_HZ)))
+    elif target.held and not settings.frequencies.is_stated:
+        held: FrequencyRange = target.function("held")(settings.frequencies)
+        settings = replace(settings, frequencies=held)
+    used = settings.frequencies
+    low, high = f"{used.lowest_hz:g}", f"{used.highest_hz:g}"
+    notes += (f"the vibration has frequencies from {low} to {high} Hz; --frequencies changes them",)
     signal = followed(blocks, rate_hz, source.stem, settings)
     return [replace(signal, notes=(*notes, *signal.notes))], settings.frequencies
 

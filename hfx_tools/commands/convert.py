@@ -76,7 +76,7 @@ def _add_sound_options(parser: argparse.ArgumentParser) -> None:
         "frequencies",
         _range,
         "LOW:HIGH",
-        "range of the vibration, Hz (default: that of the device, or 65:300)",
+        "range of the vibration, Hz (default: that of the device or format, or 65:300)",
     )
 
 

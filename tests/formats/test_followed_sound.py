@@ -122,6 +122,55 @@ def test_steady_sounds_have_no_transients(rate: int) -> None:
     assert not false
 
 
+def hits(rate: int, starts: F64, hertz: float, decay_s: float) -> F64:
+    """Decaying sines that begin at given times, 4 s."""
+    after = times(rate, 4.0)[:, None] - starts
+    waves = np.exp(-np.maximum(after, 0.0) / decay_s) * np.sin(2.0 * np.pi * hertz * after)
+    return np.where(after >= 0.0, waves, 0.0).sum(1)
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize(
+    ("hertz", "decay_s"), ((55.0, 0.07), (55.0, 0.1), (70.0, 0.1), (90.0, 0.15))
+)
+def test_kicks_that_ring_for_long_are_found(rate: int, hertz: float, decay_s: float) -> None:
+    starts = np.array([0.4, 0.9, 1.35, 1.9, 2.2, 2.8, 3.3])
+    found = np.array(
+        [t.time_s for t in follow(hits(rate, starts, hertz, decay_s), rate).transients]
+    )
+    assert len(found) == len(starts) and np.abs(found - starts).max() <= 0.01
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize(
+    ("hertz", "decay_s", "gap_s"), ((180.0, 0.03, 0.125), (100.0, 0.03, 0.125), (180.0, 0.03, 0.11))
+)
+def test_regular_fast_beats_are_found(
+    rate: int, hertz: float, decay_s: float, gap_s: float
+) -> None:
+    starts = np.arange(0.5, 3.4, gap_s)
+    found = np.array(
+        [t.time_s for t in follow(hits(rate, starts, hertz, decay_s), rate).transients]
+    )
+    assert len(found) == len(starts) and np.abs(found - starts).max() <= 0.01
+
+
+@pytest.mark.parametrize("hertz", (200.0, 440.0, 660.0, 1000.0, 2000.0, 3000.0))
+@pytest.mark.parametrize("samples", (1, 5, 10, 20))
+def test_a_gap_in_a_tone_is_no_onset(hertz: float, samples: int) -> None:
+    tone = np.sin(2.0 * np.pi * hertz * times(8000, 2.0))
+    tone[4007 : 4007 + samples] = np.nan
+    assert not follow(tone, 8000).transients
+
+
+def test_a_drifting_offset_is_silent() -> None:
+    drift = np.linspace(0.0, 0.5, 16_000)
+    signal = follow(drift, 8000)
+    assert not signal.transients and not signal.amplitude.values.any()
+    tone = 0.3 * np.sin(2.0 * np.pi * 100.0 * times(8000, 2.0))
+    assert not follow(tone + drift, 8000).transients
+
+
 def test_impulses_of_one_sample_in_noise() -> None:
     """An impulse is spread over all bands, so it rises by little in each of them."""
     t, random = times(44_100), np.random.default_rng(64)
@@ -240,6 +289,25 @@ def test_a_sound_becomes_a_file_with_its_transients(tmp_path: Path, suffix: str)
     (signal,), _ = read_signals(tmp_path / f"y{suffix}")
     found = sorted(tick.time_s for tick in signal.transients)
     assert np.allclose(found, np.arange(6) / 2, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "low", "high"), ((".haptic", 50, 200), (".ahap", 80, 230), (".he", 50, 250))
+)
+def test_frequencies_are_those_that_the_format_holds(
+    tmp_path: Path, suffix: str, low: int, high: int
+) -> None:
+    """The range of each format is that of its own documents; sweeps reach both of its ends."""
+    t = times(8000)
+    sweep = wav(tmp_path / "x.wav", filters.chirp(t, 20.0, SECONDS, 3900.0, "logarithmic"))
+    written = convert(sweep, tmp_path / f"y{suffix}")
+    assert any(f"frequencies from {low} to {high} Hz" in note for note in written.notes)
+    assert not written.left_out
+    (signal,), _ = read_signals(tmp_path / f"y{suffix}")
+    hertz = signal.frequency_hz.at(np.linspace(0.2, 2.8, 20))
+    assert low <= hertz.min() and hertz.max() <= high
+    # 20 to 3900 Hz of the band from 20 to 8000 Hz: 88 % of its octaves.
+    assert hertz.max() - hertz.min() > 0.7 * (high - low)
 
 
 def test_a_device_plays_a_sound_within_its_own_frequencies(tmp_path: Path) -> None:

@@ -38,10 +38,12 @@ _QUIET_DB: Final = -40.0  # level that counts as silence, relative to the loudes
 _RISE_DB: Final = 9.5
 _RISE_OF_ALL_DB: Final = 6.0  # the same for the mean level of all bands
 _RARE: Final = 4.0  # multiple of the usual rises of a band that an onset exceeds
+_RARE_BEAT: Final = 3.0  # the same, of a lower percentile, where the whole sound rises
 _APART: Final = 25  # frames between two onsets, at least
 _PERIOD: Final = 30  # frames: pulses closer than this are a tone
 _LAG: Final = 4  # frames of the rise of an onset, at least
 _CUT: Final = 15  # frames before the end of a sound that its end disturbs
+_GAP: Final = 12  # frames around a gap without onsets
 _PART: Final = 0.01  # least share of the power in bands with an onset
 
 
@@ -92,7 +94,8 @@ def followed(
     levels, pitches = [np.zeros(0)], [np.zeros(0)]
     centres, _ = _centres((low, high))
     ticks: list[tuple[int, float]] = []
-    for number, part in enumerate(_parts(blocks, rate_hz, name, counts)):
+    gaps: set[int] = set()
+    for number, part in enumerate(_parts(blocks, rate_hz, name, counts, gaps)):
         powers, moments = _bands(part, rate_hz, (low, high))
         power, moment = (convolve1d(p.sum(1), window / window.sum()) for p in (powers, moments))
         levels.append(np.sqrt(power[core]))
@@ -121,7 +124,10 @@ def followed(
             float(hertz[min(frame + 5, len(hertz) - 1)]),
         )
         for frame, peak in ticks
-        if frame < len(times) and peak > gate
+        if frame < len(times)
+        and peak > gate
+        # A gap ends with a rise; nothing begins there.
+        and gaps.isdisjoint(range(frame - _GAP, frame + _GAP))
     )
     notes = (f"{counts[1]} samples are no finite numbers: lines bridge them, silent if long",)
     return Signal(
@@ -134,16 +140,20 @@ def followed(
 
 
 def _parts(
-    blocks: Iterable[npt.NDArray[np.float32]], rate_hz: int, name: str, counts: I64
+    blocks: Iterable[npt.NDArray[np.float32]], rate_hz: int, name: str, counts: I64, gaps: set[int]
 ) -> Iterator[npt.NDArray[np.float32]]:
     """Yield parts (n, channels) of core and margins, silent before the begin and after the end of
-    the sound. Adds to ``counts``, in place, the samples read and values that are not finite."""
+    the sound. Adds in place to ``counts`` the samples read and values that are not finite, and to
+    ``gaps`` the first and last frames of gaps of such values."""
     core, length = _CORE_S * rate_hz, (_CORE_S + 2 * _MARGIN_S) * rate_hz
     begun, joined = 0, np.zeros((0, 0), np.float32)
     for block in blocks:
         if not joined.size:
             limits.MEMORY.check(8.0 * length * block.shape[1], name, "half a minute would take")
             joined = np.zeros((_MARGIN_S * rate_hz, block.shape[1]), np.float32)
+        is_lost = np.pad(~np.isfinite(block).all(1), 1)
+        ends = np.flatnonzero(is_lost[1:] != is_lost[:-1]) + counts[0]
+        gaps |= set((ends * FRAME_HZ // rate_hz).tolist())
         counts += len(block), np.count_nonzero(~np.isfinite(block))
         joined = np.concatenate([joined, block])
         while len(joined) >= length:
@@ -155,15 +165,18 @@ def _parts(
 
 
 def _mended(part: npt.NDArray[np.float32], begun: int, rate_hz: int) -> npt.NDArray[np.float32]:
-    """Part (n, channels) without the sound's offset; gaps that are not finite become lines."""
+    """Part (n, channels) without the sound's offset and drift; gaps become lines."""
+    from scipy.signal import detrend
+
     margin, length = max(_MARGIN_S * rate_hz - begun, 0), (_CORE_S + 2 * _MARGIN_S) * rate_hz
     sound = part[margin:].copy()
     for column in sound.T:
         known = np.flatnonzero(np.isfinite(column))
         if len(known) < len(column):
             column[:] = np.interp(range(len(column)), known, column[known]) if len(known) else 0.0
-    # The step from an offset to the silence around the sound would be a click.
-    sound -= sound.mean(0, np.float64)
+    # The step from an offset, also a drifting one, to the silence around would be a click.
+    if len(sound):
+        sound = detrend(sound, axis=0).astype(np.float32)
     return np.pad(sound, ((margin, length - len(part)), (0, 0)))
 
 
@@ -229,12 +242,18 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     starts = np.arange(0, len(rise), _NEAR // 4)
     # The silence before and after the sound does not count as usual.
     firsts = np.clip(starts - _NEAR, begin, max(end - 2 * _NEAR, begin))
-    usual = [np.percentile(rise[k : min(k + 2 * _NEAR, end)], 90, axis=0) for k in firsts]
-    usual_rise = np.repeat(usual, _NEAR // 4, axis=0)[: len(rise)]
+    parts = (rise[k : min(k + 2 * _NEAR, end)] for k in firsts)
+    usual = np.array([np.percentile(part, (90, 85), axis=0) for part in parts])
+    rare, less_rare = np.repeat(usual, _NEAR // 4, axis=0)[: len(rise)].transpose(1, 0, 2)
+    # Where the whole sound rises at once, as it does not in noise, regular beats are rare enough.
+    total_db = 10.0 * np.log10(total + 10.0 ** (_QUIET_DB / 10.0) * near + 1e-12)
+    is_beat = total_db - _largest(total_db, -_PERIOD, -2 * _LAG) >= _RISE_DB
+    is_near = maximum_filter1d(is_beat, 21)[:, None]
+    usual_rise = np.where(is_near, _RARE_BEAT * less_rare, _RARE * rare)
     amplitude = 10.0 ** (level / 20.0)
     # Half of the coming peak is reached within the rise time: a swell is no onset.
     is_attack = amplitude >= 0.5 * _largest(amplitude, 0, _APART)
-    excess = np.where(is_attack, rise - least - _RARE * usual_rise, 0.0).clip(0.0)
+    excess = np.where(is_attack, rise - least - usual_rise, 0.0).clip(0.0)
     is_part = (power * (excess > 0.0)).sum(1) >= _PART * _largest(total, 0, _APART // 2)
     # The end of a tone is a click, too, of all bands: the total does not rise there.
     earlier = _largest(total, -_APART, -_LAG)
