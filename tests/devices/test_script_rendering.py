@@ -592,3 +592,30 @@ def test_the_thermal_grill_warms_and_cools_neighbours(path: Path) -> None:
     together = warm.any(axis=1)
     assert together.any() and (together == cool.any(axis=1)).all()
     assert raster.values[-1].tolist() == [33.0] * 6
+
+
+def test_the_ultrasound_array_focuses_on_the_middle_of_the_palm(tmp_path: Path) -> None:
+    """The focal point is the weighted mean of the touched places, from the array's centre."""
+    track_header = header()
+    stream = next(s for s in track_header.streams if s.modality == "vibration")
+    palm = np.flatnonzero(load_model(stream.model_id).part == PARTS.index("hand_palm"))[:3]
+    places = np.array([[0.0, -0.5, 1.2], [0.04, -0.5, 1.2], [0.02, -0.44, 1.2]], np.float32)
+    run = SampleRun(
+        stream=stream,
+        indices=np.arange(20, 30),
+        times_s=track_header.time.times_s(np.arange(20, 30)),
+        levels=np.ones(10),
+        parameters=np.tile([4.0, 150.0], (10, 1)),
+        offsets=3 * np.arange(11),
+        vertices=np.tile(palm.astype(np.int32), 10),
+        weights=np.tile(np.float32([1.0, 1.0, 0.5]), 10),
+        positions=np.tile(places, (10, 1)),
+    )
+    with TrackWriter(tmp_path / "x.hfxtrack", track_header, full_precision=True) as writer:
+        writer.append([run])
+    raster = played(tmp_path / "x.hfxtrack", load_device("ultrasound_array"))
+    names = [column.parameter for column in raster.columns]
+    assert names == ["amplitude_m_s2", "frequency_hz", "focus_x", "focus_y", "focus_z"]
+    middle = (places[0] + places[1] + 0.5 * places[2]) / 2.5 - [0.0, -0.5, 1.0]
+    assert raster.values[25] == pytest.approx([4.0, 150.0, *middle], abs=1e-6)
+    assert raster.values[200].tolist() == [0.0, 200.0, 0.0, 0.0, 0.2]

@@ -51,11 +51,13 @@ EXPECTED = {  # parts, sides, actuators
     "vrc_haptics_board_left": ("forearm", {LEFT}, 8),
     "vrc_haptics_board_right": ("forearm", {RIGHT}, 8),
     "thermal_grill": ("forearm", {LEFT}, 6),
+    "ultrasound_array": ("hand_palm fingers", {LEFT, RIGHT}, 1),
     "sound_card_8": ("torso", None, 8),
     "peltier_sleeve_left": ("forearm", {LEFT}, 2),
     "peltier_sleeve_right": ("forearm", {RIGHT}, 2),
 }
 IN_THE_ROOM = {name for name, (part, _, _) in EXPECTED.items() if part is None}
+IN_THE_ROOM.add("ultrasound_array")
 ALL_ROUND = {"thalmic_myo_left", "thalmic_myo_right"}  # centred in the arm
 
 
