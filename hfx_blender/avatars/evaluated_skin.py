@@ -21,7 +21,7 @@ from mathutils.bvhtree import BVHTree
 
 from ..blender import mesh_arrays
 from ..blender.scene_info import nodes_of
-from ..engine.arrays import F64, I32, I64
+from ..engine.arrays import F64, I32, I64, ramp
 from . import avatar_meshes, mesh_copies
 
 _CHANGING: Final = {
@@ -369,9 +369,9 @@ class _Copies:
             for side in ("left", "right")
         )
         count = last_copy - first_copy
-        evaluated = np.repeat(traced, count)
-        copy_number = np.arange(len(evaluated)) - np.repeat(np.cumsum(count) - count, count)
-        vertex = order[np.repeat(first_copy, count) + copy_number]
+        copy_number, owner = ramp(count)
+        evaluated = traced[owner]
+        vertex = order[first_copy[owner] + copy_number]
         distance = np.linalg.norm(posed.points[evaluated] - posed.skinned[vertex], axis=1)
         # Rounded distances let the lower evaluated vertex win among coincident duplicates, in both
         # poses.

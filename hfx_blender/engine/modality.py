@@ -120,9 +120,6 @@ MODALITIES: Final[dict[str, Modality]] = {
 }
 """Modalities by name, in the order of menus; a table each in ``modalities.toml``."""
 
-MAX_TEMPERATURE_C: Final = MODALITIES["temperature"].strength_parameter.device_maximum
-"""Highest temperature of all devices."""
-
 MODALITY_ITEMS: Final = tuple((m.name, m.title, m.description) for m in MODALITIES.values())
 """Modalities as items of an enumeration property."""
 

@@ -11,7 +11,7 @@ from hfx_blender.devices.host.opening import kind_of
 from hfx_blender.devices.live.discovery import FoundPort, found_devices, port_of
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
-from hfx_blender.engine.modality import MAX_TEMPERATURE_C
+from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.engine.rendering.device_config import BodyPlace, SerialTransport
 from hfx_blender.engine.rendering.schemes import cells_of
 from hfx_blender.files import resources
@@ -221,7 +221,8 @@ def test_a_small_peltier_between_temperature_vertices_still_fires(side):
     gaps = np.linalg.norm(model.vertices[None] - (centres_of(device) * mirror)[:, None], axis=2)
     assert gaps.min(axis=1).max() > 0.02  # at least one element has no vertex within 20 mm
     assert (actual.counts >= 1).all()
-    assert device.actuator_types["element"].strength.highest <= MAX_TEMPERATURE_C
+    highest = MODALITIES["temperature"].strength_parameter.device_maximum
+    assert device.actuator_types["element"].strength.highest <= highest
 
 
 def test_the_first_motors_of_the_x40_are_at_the_wearers_upper_left():

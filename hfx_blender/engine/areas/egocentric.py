@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..active_rows import ActiveEffect, posed_rows, with_pose
+from ..response.touches import packed
 from ..samples import Drive, SampleRun
 from ..scene import ActuatorArea, PaintedArea, SpotArea
 from . import spot
@@ -66,16 +67,16 @@ class EgocentricAreas:
             self._spots[effect.model_id] = spot.SpotSkin(self._builder.skins.model(effect.model_id))
         assert animated.place is not None
         radii_m = np.maximum(animated.place[rows, 1], 0.0)
-        vertex_sets = self._spots[effect.model_id].sets(
-            focus, radii_m, area.falloff, own_sets=bool(self._builder.record)
-        )
+        weighted = self._spots[effect.model_id].sets(focus, radii_m, area.falloff)
+        own_sets = bool(self._builder.record)
+        sets, offsets, vertices, weights = packed(weighted, own_sets=own_sets)
         return self._builder.run(
             replace(active, rows=rows),
             area.body_id,
-            sets=vertex_sets.sets,
-            offsets=vertex_sets.offsets,
-            vertices=vertex_sets.vertices,
-            weights=vertex_sets.weights,
+            sets=sets,
+            offsets=offsets,
+            vertices=vertices,
+            weights=weights,
             focus=focus,
         )
 

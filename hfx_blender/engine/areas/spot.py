@@ -7,7 +7,7 @@ position 0..1 on a path. Points are in the rest space of the canonical body, equ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -38,16 +38,6 @@ def places_on(path: F64, shares: F64) -> F64:
 def half_radius_m(radius_m: float, falloff: Falloff) -> float:
     """Radius at which a disc's strength falls to half; the full radius without falloff."""
     return radius_m if falloff.is_flat else radius_m * (1.0 - 0.5 * falloff.share)
-
-
-@dataclass(frozen=True, eq=False)
-class SpotSets:
-    """Vertex sets at T times, as in :class:`~hfx_blender.engine.samples.SampleRun`."""
-
-    sets: I64  # (T,)
-    offsets: I64  # (m + 1,)
-    vertices: I32  # (total,)
-    weights: F32  # (total,)
 
 
 class SpotSkin:
@@ -86,27 +76,14 @@ class SpotSkin:
             ), np.ones(1, "f4")
         return vertices[significant].astype(np.int32), weights[significant].astype(np.float32)
 
-    def sets(self, focus: F32, radii_m: F64, falloff: Falloff, own_sets: bool) -> SpotSets:
-        """Vertex sets for T positions; equal successive sets are shared unless ``own_sets``.
-        ``focus`` (T, 4): centre in rest space and radius, m, of which only the centre is used;
-        ``radii_m`` is (T,)."""
-        set_index = np.zeros(len(focus), np.int64)
-        vertex_sets: list[tuple[I32, F32]] = []
+    def sets(self, focus: F32, radii_m: F64, falloff: Falloff) -> Iterator[tuple[I32, F32]]:
+        """Yield vertices and weights at T positions, as :meth:`weights`. ``focus`` (T, 4): centre
+        in rest space and radius, m, of which only the centre is used; ``radii_m`` is (T,)."""
         for k, (position, radius) in enumerate(zip(focus, radii_m.tolist(), strict=True)):
             # A still spot, such as between two keys of a constant path, is computed once.
-            if k and radius == radii_m[k - 1] and bool((position == focus[k - 1]).all()):
-                if own_sets:
-                    vertex_sets.append(vertex_sets[-1])
-            else:
-                vertex_sets.append(self.weights(position[:3].astype(np.float64), radius, falloff))
-            set_index[k] = len(vertex_sets) - 1
-        sizes = [len(ids) for ids, _ in vertex_sets]
-        return SpotSets(
-            set_index,
-            np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-            np.concatenate([np.zeros(0, np.int32), *(ids for ids, _ in vertex_sets)]),
-            np.concatenate([np.zeros(0, np.float32), *(weights for _, weights in vertex_sets)]),
-        )
+            if not k or radius != radii_m[k - 1] or bool((position != focus[k - 1]).any()):
+                weighted = self.weights(position[:3].astype(np.float64), radius, falloff)
+            yield weighted
 
 
 def focus_of(

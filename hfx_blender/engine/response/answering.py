@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import I64
+from ..arrays import I64, expand
 from ..contact.reachable_bounds import ReachableBounds
 from ..modality import MODALITIES
 from ..response_filters.controls import FilterKind
@@ -172,15 +171,10 @@ def with_own_sets(run: SampleRun) -> SampleRun:
     already so."""
     if run.sets is None:
         return run
-    parts = [slice(int(a), int(b)) for a, b in pairwise(run.offsets)]
-    chosen = [parts[j] for j in run.sets.tolist()]
-    return replace(
-        run,
-        sets=None,
-        offsets=np.concatenate([[0], np.cumsum(run.sizes)]).astype(np.int64),
-        vertices=np.concatenate([run.vertices[part] for part in chosen]),
-        weights=np.concatenate([run.weights[part] for part in chosen]),
-    )
+    entries, _ = expand(run.offsets, run.sets)
+    offsets = np.concatenate([[0], np.cumsum(run.sizes)]).astype(np.int64)
+    vertices, weights = run.vertices[entries], run.weights[entries]
+    return replace(run, sets=None, offsets=offsets, vertices=vertices, weights=weights)
 
 
 def at_vertices_of(

@@ -340,16 +340,18 @@ def strongest(known: tuple[I32, F64] | None, vertices: I32, weights: F64) -> tup
     return ids[first], np.maximum.reduceat(values, first) if len(first) else values
 
 
-def packed(sets: Iterable[WeightedSet | None]) -> tuple[I64, I64, I32, F32]:
+def packed(
+    sets: Iterable[WeightedSet | None], *, own_sets: bool = False
+) -> tuple[I64, I64, I32, F32]:
     """Pack N sets into columns: set numbers (N,), offsets (m + 1,), vertices and weights (total,).
-    Equal successive sets are stored once; None gets the number -1."""
+    Equal successive sets are stored once, unless ``own_sets``; None gets the number -1."""
     numbers: list[int] = []
     stored: list[WeightedSet] = []
     for weighted_set in sets:
         if weighted_set is None:
             numbers.append(-1)
             continue
-        if not stored or not all(map(np.array_equal, stored[-1], weighted_set)):
+        if own_sets or not stored or not all(map(np.array_equal, stored[-1], weighted_set)):
             stored.append(weighted_set)
         numbers.append(len(stored) - 1)
     offsets = np.concatenate([[0], np.cumsum([len(v) for v, _ in stored])]).astype(np.int64)

@@ -217,21 +217,9 @@ def skin_of(
     canonical body. ``layer`` ("visible" or "skin") has the haptic vertices where clothes cover
     skin. Raises InputError: joints are missing or not human.
     """
-    shown = yield from _shown(avatar, targets, mapping, layer)
-    whole = np.maximum(shown.sum(axis=0), 1e-30)
-    is_needed = (shown / whole >= _SHOWS).any(axis=1)
-    return [k for k in np.argsort(-shown.sum(axis=1), kind="stable").tolist() if is_needed[k]]
-
-
-def _shown(
-    avatar: Avatar, targets: Sequence[TargetAvatar], mapping: BoneMapping, layer: Layer
-) -> Generator[float, None, F64]:
-    """Generator: area (M, R) of the posed canonical body nearest to each of M meshes, by region,
-    without unused layers; 0 for meshes without triangles or weights. Yields progress 0..1."""
-    shown_areas = np.zeros((len(targets), len(REGIONS)))
     used = [k for k, t in enumerate(targets) if len(t.triangles) and len(t.weights.bones)]
     if not used:
-        return shown_areas
+        return []
     union = joined([targets[k] for k in used])
     bodies = skeletons_of(avatar, union, mapping)
     triangles = avatar.triangles
@@ -243,8 +231,10 @@ def _shown(
     # Votes: each canonical vertex gives its area to the mesh of its nearest place.
     mesh = np.repeat(used, [len(targets[k].triangles) for k in used])[places.triangle]
     area = vertex_areas(body, triangles)
-    np.add.at(shown_areas, (mesh[places.found], dominant(shares)[places.found]), area[places.found])
-    return shown_areas
+    shown = np.zeros((len(targets), len(REGIONS)))
+    np.add.at(shown, (mesh[places.found], dominant(shares)[places.found]), area[places.found])
+    is_needed = (shown / np.maximum(shown.sum(axis=0), 1e-30) >= _SHOWS).any(axis=1)
+    return [k for k in np.argsort(-shown.sum(axis=1), kind="stable").tolist() if is_needed[k]]
 
 
 def joined(targets: Sequence[TargetAvatar]) -> TargetAvatar:

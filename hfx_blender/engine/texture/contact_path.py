@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import F64, I32, I64, Bool
+from ..arrays import F64, I32, I64, Bool, ramp
 from ..volume.mesh_distance import NearestPlaces, SurfaceLocator
 
 _SEAM_SHARE: Final = 0.5
@@ -137,7 +137,7 @@ class ContactFollower:
             later = ~self._first[ids[places.point]]
         # Rank of each contact among the contacts of a time.
         order = np.lexsort((places.distance, later, time[places.point]))
-        rank = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
+        rank, _ = ramp(counts)
         return _part(places, np.sort(order[rank < self._max_contacts]))
 
     def _nearest(
