@@ -60,6 +60,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
     with staging(folder, "hfx-export") as stage:
         units = _units(options, stage.resolve())
         title = units[0].title if len(units) == 1 else f"{len(units)} scenes"
+        # Worker processes load Blender's module, which only pip installs. The Blender program
+        # executes the units of work in sequence.
         workers: batch.Workers = batch.ThisProcess()
         if not in_process:
             processes = tools_module("export_workers.local_workers")

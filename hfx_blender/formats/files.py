@@ -87,6 +87,7 @@ def without_invalid_files(written: Written) -> Written:
     for path in written.files:
         size = path.stat().st_size
         fault = ""
+        # Rows of tables, sound and samples were checked before writing.
         if path.name.endswith(with_rules):
             fault = first_error(findings_of(format_of(path), path))
         # Readers would refuse a larger file.

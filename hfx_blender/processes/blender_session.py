@@ -18,6 +18,8 @@ from .tools_package import tools_module
 def start() -> Any:
     """Import ``bpy`` and register this package in it; return the module. Raises HfxError: pip's
     command cannot load Blender; TerminatedError: a signal arrived during the import."""
+    # A process of pip starts without Blender: hfx_tools loads the module, and takes care of the
+    # module's temporary folder and of signals during the import.
     if "bpy" not in sys.modules:
         loader = tools_module("command_process.blender_module")
         assert loader is not None, "an extension runs in Blender"

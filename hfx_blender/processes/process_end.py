@@ -38,6 +38,7 @@ _farewell = threading.Lock()  # acquired once, by the thread that writes the far
 def check() -> None:
     """Raise TerminatedError, once, if a signal has come; does nothing outside the main thread. To
     be called between two pieces of work, neither in callbacks of Blender nor under a lock."""
+    # Once: code that unwinds may poll again, and must not be interrupted a second time.
     if not state.number or state.is_unwinding:
         return
     if threading.current_thread() is threading.main_thread():

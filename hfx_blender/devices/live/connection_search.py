@@ -73,6 +73,7 @@ def searched(device: DeviceConfig, settings: LiveSettings) -> Generator[Connecti
     """
     if settings.kind == "DEVICE" and len(device.parts) > 1:
         searches = [searched(x, settings.of_output(k)) for k, x in enumerate(device.parts)]
+        # One step of all searches together: their results are of the same moment.
         for first, *more in zip(*searches, strict=True):
             # An equal hint of several outputs is one sentence; some hints end with a full stop.
             hints: dict[str, list[str]] = {}

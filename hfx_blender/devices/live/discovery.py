@@ -87,6 +87,7 @@ def found_devices(devices: Iterable[DeviceConfig], ports: Iterable[FoundPort]) -
     for_boards: list[DeviceConfig] = []
     programs: dict[tuple[str, int], list[DeviceConfig]] = {}
     for device in devices:
+        # A device of several outputs is present only with all of its outputs.
         if len(device.parts) > 1:
             matches += _joined(device, ports)
             continue

@@ -26,6 +26,7 @@ class PlayedTrack:
     """
 
     def __init__(self, path: Path) -> None:
+        # The file stays open: a track may be larger than memory, so each moment is read by itself.
         self._reader = TrackReader(path)
         try:
             self.header = of_one_moment(self._reader.header)
@@ -63,6 +64,7 @@ class PlayedTrack:
 
         Raises InputError: the file is damaged.
         """
+        # Devices in a room need the wearer's place; a track without such devices has no play space.
         play_space = None
         if self._play_space is not None:
             play_space = self._play_space.pose(self._reader.index_at(time_s))

@@ -159,6 +159,7 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
     if answer is None:
         return haptics.neutral
     columns = haptics.columns
+    # A row of numbers names no actuators, so that only its length can be checked.
     if not isinstance(answer, Mapping):
         values = as_row(answer)
         if values.shape != (len(columns),):

@@ -47,6 +47,7 @@ def encode_arrays(content: dict[str, Any], arrays: dict[str, Array]) -> bytes:
 
     Arrays of types other than float32, float64, int32 and int64 are converted to float64.
     """
+    # Arrays are sent as raw memory: JSON would cost most of the time of a frame.
     parts, shapes = [], []
     for name, array in arrays.items():
         dtype = array.dtype.newbyteorder("<").str

@@ -45,6 +45,7 @@ class ExportOptions:
         if self.tolerance is not None:
             parse_tolerance(self.tolerance)
 
+    # Defaults are left out, so that an option added later does not void earlier exports.
     def as_json(self) -> dict[str, Any]:
         """Plain data; options with default values are left out."""
         default = ExportOptions()

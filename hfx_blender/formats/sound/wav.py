@@ -55,7 +55,7 @@ BLOCK_SAMPLES = 1 << 18  # over all channels
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class WaveDrive:
     """Waves of the channels at the rows of a raster."""
 
     actuators: tuple[str, ...]
@@ -117,7 +117,7 @@ def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -
     return Written(files, losses.beyond_limits(raster, device))
 
 
-def waveforms(raster: Raster, drives: Sequence[Drive], rate_hz: int) -> Iterator[F64]:
+def waveforms(raster: Raster, drives: Sequence[WaveDrive], rate_hz: int) -> Iterator[F64]:
     """Yield blocks of audio samples (n, C) of whole raster rows, the sum of all drives, of full
     scale 1, before quantization. Samples per row alternate if the rates have no whole ratio."""
     channel_count = len(drives[0].actuators)
@@ -133,7 +133,7 @@ def waveforms(raster: Raster, drives: Sequence[Drive], rate_hz: int) -> Iterator
         yield played
 
 
-def drives_of(raster: Raster, device: DeviceConfig) -> list[Drive]:
+def drives_of(raster: Raster, device: DeviceConfig) -> list[WaveDrive]:
     """One drive of all raster rows and actuators, silent for actuators with waveform output, then a
     drive of each effect on these, from a silent row before it. Raises InputError for a device
     without vibration actuators, or with full scale 0."""
@@ -190,7 +190,7 @@ def _drive(
     full_scale: float,
     raster: Raster,
     first_row: int,
-) -> Drive:
+) -> WaveDrive:
     """Waves of amplitude and Hz pairs (T, C, 2), clipped to full scale and 1 kHz. The first pair is
     raster row ``first_row``. Silence has the frequency of the adjacent sound."""
     safe = limited(pairs, 0.0, [full_scale, MAX_HZ], 0.0)
@@ -204,7 +204,7 @@ def _drive(
     cycles = np.cumsum((first_hz + last_hz) / 2.0, axis=0) / float(raster.rate_hz)
     repeats = cycles_until_it_repeats(kinds)
     begun = cycles_since_the_beginning(first_hz[:1], first_row / float(raster.rate_hz), repeats)
-    return Drive(
+    return WaveDrive(
         actuators=actuators,
         amplitudes=amplitudes / full_scale,
         first_hz=first_hz,
@@ -217,7 +217,7 @@ def _drive(
 
 
 def _add_waveform(
-    played: F64, drive: Drive, raster: Raster, rate_hz: int, first_row: int, starts: I64
+    played: F64, drive: WaveDrive, raster: Raster, rate_hz: int, first_row: int, starts: I64
 ) -> None:
     """Add the output of a drive in place to audio samples (n, C); independent of the block size.
 
