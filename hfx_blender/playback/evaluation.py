@@ -23,7 +23,8 @@ class Evaluation:
         self.fault = ""  # error of the last description; empty without an error
         self.generation = 0  # rises with each description
         # Received values by property and name of the effect, in place of those in the scene.
-        self.overrides: dict[str, dict[str, float | tuple[float, ...]]] = {}
+        self.overrides: dict[str, dict[str, float | str | tuple[float, ...]]] = {}
+        self._described: tuple[object, ...] = ()  # part of ``overrides``, of the last description
         self.with_positions = False  # True while a device needs the positions of samples
         # Called before a description, which may load body models and take seconds.
         self.before_describing: Callable[[], None] = lambda: None
@@ -48,14 +49,16 @@ class Evaluation:
         stored in :attr:`fault` instead. Never call this during a depsgraph update.
         """
         from ..reading.description.scene_settings import live_tolerance
-        from ..reading.live_scene import LiveScene, signature_of
+        from ..reading.live_scene import LiveScene, described_overrides, signature_of
 
         scene, layer = context.scene, context.view_layer
         hfx = scene.hfx
         settings = hfx.live_tolerance, hfx.tolerance, hfx.tolerance_custom
         # Another file may have the very same names.
         which = scene.session_uid, scene.as_pointer(), layer.as_pointer()
+        self._described = described_overrides(self.overrides)
         key = (*signature_of(scene), layer.name, *settings, *which, self.with_positions)
+        key = (*key, self._described)
         if key == self._key:
             return
         self.forget()
@@ -73,6 +76,13 @@ class Evaluation:
             )
         except HfxError as error:
             self.fault = str(error)
+
+    @property
+    def is_outdated(self) -> bool:
+        """Test that :attr:`overrides` need a new description."""
+        from ..reading.live_scene import described_overrides
+
+        return described_overrides(self.overrides) != self._described
 
     def runs(self) -> list[SampleRun]:
         """Samples of the current frame: at most a run of a single sample for each effect and body.

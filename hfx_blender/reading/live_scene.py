@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from operator import attrgetter
-from typing import Any
+from typing import Any, Final
 
 import bpy
 import numpy as np
@@ -24,8 +24,9 @@ from ..authoring.surfaces import surfaces
 from ..blender.scene_info import fps_of, scene_objects
 from ..engine.evaluate import Engine
 from ..engine.samples import SampleRun
-from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume
+from ..engine.scene import AnimationBlock, EffectDescription, HapticVolume, SpotArea
 from ..engine.tolerance import Tolerance
+from ..engine.volume.shape import Falloff, FalloffKind
 from .curves.animation_time import time_base
 from .description import area_values, scene_description, visibility
 from .description.scene_description import HapticObjects
@@ -33,6 +34,9 @@ from .stepped import instances
 from .stepped.instances import Key
 from .stepped.stepped_reading import EffectRow, PoseRow, SteppedReading, effect_block, pose_block
 from .stepped.stepping import Stepper
+
+Overrides = Mapping[str, Mapping[str, Any]]
+"""Received values by property and name of the effect, in place of evaluated properties."""
 
 LONGEST_STEP_S = 0.3  # longest time between two related moments; later moments start without memory
 FEWEST = 64  # slots of a source without present instances, for particles of later frames
@@ -42,6 +46,31 @@ _CONSTANT_PROPERTIES = attrgetter(
     *"role modality kind shape falloff falloff_share temperature_reference model_hash".split(),
     *"body_name follow is_muted is_group_muted is_solo stiffness damping friction".split(),
 )
+
+
+_FALLOFF: Final = ("falloff", "falloff_share")
+
+
+def described_overrides(overrides: Overrides) -> tuple[tuple[str, str, Any], ...]:
+    """Received values that a description holds, as (effect, property, value), sorted: falloff, and
+    reference of a temperature."""
+    names = (*_FALLOFF, "temperature_reference")
+    return tuple(
+        sorted((e, k, x) for e, xs in overrides.items() for k, x in xs.items() if k in names)
+    )
+
+
+def _overridden(effect: EffectDescription, values: Mapping[str, Any]) -> EffectDescription:
+    """Description of an effect with received values of falloff and temperature reference."""
+    area = effect.area
+    if isinstance(area, HapticVolume | SpotArea) and not values.keys().isdisjoint(_FALLOFF):
+        kind = FalloffKind(values.get("falloff", area.falloff.kind))
+        falloff = Falloff(kind, values.get("falloff_share", area.falloff.share))
+        area = replace(area, falloff=falloff)
+    is_contact = effect.is_contact
+    if "temperature_reference" in values:
+        is_contact = values["temperature_reference"] == "CONTACT"
+    return replace(effect, area=area, is_contact=is_contact)
 
 
 class LiveClock:
@@ -98,7 +127,7 @@ class LiveScene:
         tolerance: Tolerance,
         *,
         with_positions: bool = False,
-        overrides: Mapping[str, Mapping[str, Any]] | None = None,
+        overrides: Overrides | None = None,
     ) -> None:
         self.signature = signature_of(scene)
         haptics = scene_description.find(scene, layer)
@@ -112,6 +141,8 @@ class LiveScene:
         self.objects, self.description = scene_description.describe(
             haptics, time, shapes, always_posed=False, more=more
         )
+        own = [_overridden(x, (overrides or {}).get(x.name, {})) for x in self.description.effects]
+        self.description = replace(self.description, effects=tuple(own))
         self.faults = self.objects.left_out
         self.tolerance = tolerance
         self.record = ("positions",) if with_positions else ()
@@ -121,8 +152,8 @@ class LiveScene:
             self._reading.overrides = overrides
         self._now = _AsItStands(scene, layer)
         self._index = 0  # advances where strokes over surfaces need history
-        own = self.description.effects[: len(self.objects.effects)]
-        self._volumes = [k for k, e in enumerate(own) if e.kind == "volume"]
+        count = len(self.objects.effects)  # further effects are instances
+        self._volumes = [k for k, e in enumerate(own[:count]) if e.kind == "volume"]
         areas = [e.area for e in self.description.effects if isinstance(e.area, HapticVolume)]
         self._answers = any(area.response for area in areas)
         self._has_memory = self._answers or any(area.law for area in areas)

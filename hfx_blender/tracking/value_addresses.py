@@ -9,7 +9,8 @@ from urllib.parse import quote, unquote
 
 from .osc_packets import OscMessage
 
-_PARAMETER: Final = re.compile(r"(response/[0-9]{1,2}/)?[a-z][a-z0-9_]{0,63}")
+_PARAMETER: Final = re.compile(r"((response|drive)/[0-9]{1,4}/)?[a-z][a-z0-9_]{0,63}")
+_ENTRY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 _MAX_NAME: Final = 256
 _SWITCHES: Final = frozenset(("mute", "trigger"))
 _RANGES: Final = {"gain": (0.0, 1.0), "intensity": (0.0, 1.0), "rate": (-16.0, 16.0)}
@@ -23,8 +24,9 @@ class ValueChange(NamedTuple):
     ``name``: of the effect or clip; "" for further targets.
     ``parameter``: ``intensity``, ``frequency_hz`` ..., ``response/0/decay`` of the first filter of
     a contact response; ``mute``, ``trigger``, ``gain``, ``time`` or ``rate``.
-    ``value``: finite; 0 or 1 of ``mute`` and ``trigger``; the first of three numbers.
+    ``value``: finite; 0 or 1 of ``mute`` and ``trigger``; the first of three numbers; 0 for a text.
     ``vector``: three finite numbers, such as a location; empty for one number.
+    ``text``: entry of a menu, as ``linear``; empty for numbers.
     """
 
     target: str
@@ -32,6 +34,7 @@ class ValueChange(NamedTuple):
     parameter: str
     value: float
     vector: tuple[float, ...] = ()
+    text: str = ""
 
 
 def is_used(address: str) -> bool:
@@ -56,18 +59,21 @@ def change_of(message: OscMessage) -> ValueChange | None:
     NaN, infinity, and a value out of range.
 
     ``gain`` and ``intensity`` are 0 to 1, ``rate`` -16 to 16. A switch is on above 0; a trigger
-    without argument is on. Three numbers are a vector of an effect.
+    without argument is on. Three numbers are a vector of an effect, a word an entry of a menu.
     """
     target, name, parameter = _parts(message.address)
     if not target or not _PARAMETER.fullmatch(parameter):
         return None
     arguments = message.arguments or ((True,) if parameter == "trigger" else ())
+    is_scalar = target != "effect" or parameter in _SWITCHES or parameter in _RANGES
+    if len(arguments) == 1 and isinstance(arguments[0], str):
+        is_entry = not is_scalar and _ENTRY.fullmatch(arguments[0])
+        return ValueChange(target, name, parameter, 0.0, (), arguments[0]) if is_entry else None
     numbers = tuple(float(x) for x in arguments if isinstance(x, int | float))
     lowest, highest = _RANGES.get(parameter, (-_LARGEST, _LARGEST))
     # NaN is in no range.
     if len(numbers) != len(arguments) or not all(lowest <= x <= highest for x in numbers):
         return None
-    is_scalar = target != "effect" or parameter in _SWITCHES or parameter in _RANGES
     if len(numbers) != 1 and (len(numbers) != 3 or is_scalar):
         return None
     value = float(numbers[0] > 0.0) if parameter in _SWITCHES else numbers[0]

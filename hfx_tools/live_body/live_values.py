@@ -50,7 +50,7 @@ class LiveValues:
         self.triggered = []
         for message, _ in self.receiver.take() if self.receiver else ():
             change = change_of(message)
-            if change is None:
+            if change is None or change.text:  # entries of menus are of Blender
                 self.ignored += 1
                 continue
             changes.append(change)

@@ -30,7 +30,8 @@ from .live import live
 
 STEP_S: Final = 1.0 / 60.0
 _MOST_SHOWN: Final = 8  # addresses in the panel
-_UNUSED: Final = ("falloff_share", "envelope")  # read once, with the shape of a volume, or never
+_UNUSED: Final = ("envelope",)
+_MENUS: Final = ("shape", "falloff", "temperature_reference")  # of settings that change the touch
 
 _log = logging.getLogger(__name__)
 
@@ -54,7 +55,7 @@ class Listening:
         self.is_recording = False
         self._muted: set[str] = set()  # names of effects
         # Property -> number, or three numbers, by name of the effect.
-        self._set: dict[str, dict[str, float | tuple[float, ...]]] = {}
+        self._set: dict[str, dict[str, float | str | tuple[float, ...]]] = {}
         self._triggers: list[_Trigger] = []
         # Value by effect, data path, index and frame; frames of started clips.
         self._keys: dict[tuple[str, str, int], dict[int, float]] = {}
@@ -109,7 +110,7 @@ class Listening:
 
     def _apply(self, change: ValueChange) -> None:
         """Store a change; an unknown effect, clip or property is named in ``newest`` only."""
-        shown = " ".join(f"{x:g}" for x in change.vector or (change.value,))
+        shown = change.text or " ".join(f"{x:g}" for x in change.vector or (change.value,))
         if change.target == "all":
             is_mute = change.parameter == "mute"
             live.factors[change.parameter] = 1.0 - change.value if is_mute else change.value
@@ -136,15 +137,32 @@ class Listening:
             return ""
         name = properties_by_parameter(effect).get(change.parameter, change.parameter)
         path, limits = _property_of(effect, name)
-        if limits is None or limits.array_length != len(change.vector):
+        if limits is not None and limits.type == "ENUM":
+            return self._set_entry(effect, name, change, [x.identifier for x in limits.enum_items])
+        if limits is None or change.text or limits.array_length != len(change.vector):
             return "no such value"
         numbers = tuple(
             min(max(x, limits.hard_min), limits.hard_max) for x in change.vector or (change.value,)
         )
         self._set.setdefault(effect.name, {})[name] = numbers if change.vector else numbers[0]
-        if self.is_recording:
+        if self.is_recording and name != "falloff_share":  # read once, with the description
             for k, number in enumerate(numbers):
                 self._keys.setdefault((effect.name, path, k), {})[scene.frame_current] = number
+        return ""
+
+    def _set_entry(
+        self, effect: bpy.types.Object, name: str, change: ValueChange, entries: list[str]
+    ) -> str:
+        """Store an entry of a menu by its identifier or number; returns the reason of a refusal, or
+        "". Entries are not recorded: settings of a description have no keyframes."""
+        by_name = {entry.lower(): entry for entry in entries}
+        by_name |= {f"{float(k)}": entry for k, entry in enumerate(entries)}
+        entry = by_name.get(change.text.lower() or f"{change.value}")
+        if entry is None or change.vector:
+            return f"expected {', '.join(entries)}, or 0 to {len(entries) - 1}"
+        if "MESH" in (entry, getattr(effect.hfx, name)):
+            return "the shape of a mesh stays"
+        self._set.setdefault(effect.name, {})[name] = entry
         return ""
 
     def _trigger(self, change: ValueChange) -> str:
@@ -181,6 +199,8 @@ class Listening:
         evaluation.invalidate()
         preview.invalidate()
         redraw("VIEW_3D")  # colours, and the newest values in the panel
+        if evaluation.is_outdated:
+            live.handlers.request_update()
         live.resend(scene)
 
     def record(self) -> None:
@@ -233,18 +253,22 @@ def properties_by_parameter(effect: bpy.types.Object) -> dict[str, str]:
 
 
 def _property_of(effect: bpy.types.Object, name: str) -> tuple[str, Any]:
-    """Data path and definition of an animatable number of an effect, or of the place of a volume;
-    "" and None without it. Filters of the contact response are named ``response/0/decay``."""
+    """Data path and definition of an animatable number or of a menu of an effect, or of the place
+    of a volume; "" and None without it. Filters of the contact response are named
+    ``response/0/decay``, strengths of actuators ``drive/0/value``."""
     from ...authoring.effects import effect_values  # needs numpy, which Blender's start does not
 
     owner, path = effect.hfx, "hfx."
     if name in effect_values.TRANSFORM and effect.hfx.kind == "VOLUME":
         owner, path = effect, ""
-    elif name.startswith("response/"):
-        _, index, name = name.split("/")
-        if int(index) >= len(effect.hfx.response):
+    elif "/" in name:
+        collection, index, name = name.split("/")
+        items = getattr(effect.hfx, collection)
+        if int(index) >= len(items):
             return "", None
-        owner, path = effect.hfx.response[int(index)], f"hfx.response[{int(index)}]."
+        owner, path = items[int(index)], f"hfx.{collection}[{int(index)}]."
+    elif name in _MENUS:
+        return "hfx." + name, owner.bl_rna.properties[name]
     definition = owner.bl_rna.properties.get(name)
     is_number = definition is not None and definition.type == "FLOAT" and definition.is_animatable
     return (path + name, definition) if is_number and name not in _UNUSED else ("", None)

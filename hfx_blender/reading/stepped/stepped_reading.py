@@ -162,19 +162,20 @@ class _Settings:
 
 class OverriddenProperties:
     """Haptic properties of an effect, read-only, with received values in place of some. Keys such
-    as ``response/0/decay`` are properties of a contact response filter."""
+    as ``response/0/decay`` are properties of a filter of the contact response, or of an item of
+    another collection."""
 
     def __init__(self, hfx: bpy.types.PropertyGroup, values: Mapping[str, Any]) -> None:
         self.__dict__.update(values, _stored=hfx)
-        by_filter: dict[int, dict[str, float]] = {}
+        by_item: dict[str, dict[int, dict[str, float]]] = {}
         for key in values:
-            if key.startswith("response/"):
-                _, index, name = key.split("/")
-                by_filter.setdefault(int(index), {})[name] = values[key]
-        if by_filter:
-            self.response = [
-                OverriddenProperties(item, by_filter[k]) if k in by_filter else item
-                for k, item in enumerate(hfx.response)
+            if "/" in key:
+                collection, index, name = key.split("/")
+                by_item.setdefault(collection, {}).setdefault(int(index), {})[name] = values[key]
+        for collection, changed in by_item.items():
+            self.__dict__[collection] = [
+                OverriddenProperties(item, changed[k]) if k in changed else item
+                for k, item in enumerate(getattr(hfx, collection))
             ]
 
     def __getattr__(self, name: str) -> Any:

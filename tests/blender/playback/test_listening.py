@@ -26,6 +26,7 @@ from hfx_blender.playback.live.body_tracking import body_tracking
 from hfx_blender.playback.live.listening import listening
 from hfx_blender.playback.live.live import live
 from hfx_blender.playback.timeline.timeline_recorder import recorder
+from hfx_blender.reading.stepped.stepped_reading import OverriddenProperties
 
 oracle = pytest.importorskip("oracle")
 
@@ -139,6 +140,72 @@ def test_a_volume_is_moved_turned_and_resized(port: int) -> None:
     ):
         send(port, address, *numbers)
         until(lambda address=address: listening.newest.get(address) == "no such value")
+
+
+def test_falloff_and_menus_of_a_volume_are_set_by_name_and_number(port: int) -> None:
+    """Weights of a linear falloff are min((1 - g) / share, 1), with the gauge g of a sphere."""
+    ball = oracle.add_volume("Ball", "vibration", "SPHERE", (0.0, 0.0, 1.0), radius=1.0)
+    ball.hfx.falloff, ball.hfx.falloff_share = "none", 1.0
+
+    def weights() -> dict[int, float]:
+        evaluation.describe(bpy.context)  # in Blender by the timer that listening has requested
+        [run] = [r for r in evaluation.runs() if r.stream.effect_id == ball.hfx.uid]
+        return dict(zip(run.vertices.tolist(), run.weights.tolist(), strict=True))
+
+    flat = weights()
+    assert sum(flat.values()) > 0.99 * len(flat)  # but at the border
+    send(port, "/hfx/effect/Ball/falloff", "Linear")
+    until(lambda: listening._set.get("Ball") == {"falloff": "linear"})
+    assert evaluation.is_outdated
+    linear = weights()
+    assert not evaluation.is_outdated
+    send(port, "/hfx/effect/Ball/falloff_share", 0.5)
+    until(lambda: "falloff_share" in listening._set["Ball"])
+    half = weights()
+    inner = [vertex for vertex, weight in linear.items() if weight > 0.1]
+    assert len(inner) > 100
+    assert [half[v] for v in inner] == pytest.approx([min(2.0 * linear[v], 1.0) for v in inner])
+    send(port, "/hfx/effect/Ball/falloff", 0)  # the first entry
+    until(lambda: listening._set["Ball"]["falloff"] == "none")
+    assert weights() == flat
+    send(port, "/hfx/effect/Ball/shape", "CUBOID")
+    until(lambda: "shape" in listening._set["Ball"])
+    assert evaluation.runs()
+    address = "/hfx/effect/Ball/shape"
+    for value, reason in (("MESH", "stays"), ("ball", "expected"), (9, "expected"), (1.5, "expec")):
+        listening.newest.clear()
+        send(port, address, value)
+        until(lambda: address in listening.newest)
+        assert reason in listening.newest[address]
+    assert listening._set["Ball"]["shape"] == "CUBOID"
+    assert (ball.hfx.falloff, ball.hfx.shape) == ("none", "SPHERE")
+    listening.stop()
+    assert weights() == flat
+
+
+def test_a_temperature_becomes_that_of_a_touched_object(port: int) -> None:
+    oracle.add_volume("Stove", "temperature", "SPHERE", (0.0, 0.0, 1.0), radius=1.0)
+    send(port, "/hfx/effect/Stove/temperature_reference", "contact")
+    until(lambda: "Stove" in listening._set)
+    evaluation.describe(bpy.context)
+    described = evaluation.scene.description.effects  # type: ignore[union-attr]
+    assert {e.name: e.is_contact for e in described} == {"Rain Drops": False, "Stove": True}
+
+
+def test_the_strength_of_an_actuator_is_set(port: int) -> None:
+    effect = bpy.context.object
+    effect.hfx.kind, effect.hfx.device = "ACTUATORS", "waist_belt"
+    for name in ("front", "back"):
+        effect.hfx.drive.add().name = name
+    send(port, "/hfx/effect/Rain%20Drops/drive/1/value", 0.75)
+    send(port, "/hfx/effect/Rain%20Drops/drive/2/value", 0.5)
+    until(lambda: len(listening.newest) == 2)
+    assert listening.newest["/hfx/effect/Rain%20Drops/drive/2/value"] == "no such value"
+    effect.update_tag()
+    bpy.context.view_layer.update()
+    evaluated = effect.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    properties = OverriddenProperties(evaluated.hfx, listening._set["Rain Drops"])
+    assert [item.value for item in properties.drive] == [evaluated.hfx.drive[0].value, 0.75]
 
 
 def test_a_moved_volume_is_recorded_as_keyframes(port: int) -> None:
