@@ -531,7 +531,7 @@ class DeviceThread:
 
     def _report_levels(self, values: F64, previous: F64 | None, now: float) -> None:
         """Report the event "levels": distance of each strength from neutral, a share of its reach
-        rounded to 0.01. Values after silence are reported at once, as studies log this time; other
+        rounded to 0.0001. Values after silence are reported at once, as studies log this time; other
         changes 0.1 s after the last report at the earliest."""
         was_silent = previous is None or np.array_equal(previous[self._strengths], self._rest)
         begins = was_silent and not np.array_equal(values[self._strengths], self._rest)
@@ -543,7 +543,7 @@ class DeviceThread:
         ):
             strength = actuator.type.strength
             difference = abs(float(values[column]) - strength.neutral)
-            levels.append(round(difference / strength.reach, 2) if strength.reach > 0.0 else 0.0)
+            levels.append(round(difference / strength.reach, 4) if strength.reach > 0.0 else 0.0)
         if begins or levels != self._levels:
             self._levels, self._levels_at = levels, now
             self._report("levels", self.number, levels=levels)

@@ -40,7 +40,7 @@ _LOOK: Final = Matrix(((-1, 0, 0), (0, 0, 1), (0, 1, 0))).to_quaternion()
 # Shares of the eye height: hips below the eyes, shoulders from the eyes (to the side, down), bones.
 _HIPS, _SIDE, _DOWN, _UPPER, _LOWER = 0.43, 0.11, 0.15, 0.17, 0.16
 _EYES_M: Final = (1.0, 2.2)  # plausible eye heights
-_AMPLITUDE: Final = 0.005  # least level of a request
+_AMPLITUDE: Final = 0.0001  # least level of a request
 
 
 def is_running() -> bool:
@@ -124,7 +124,7 @@ def apply_haptics(state: Any) -> None:
     levels = dict(zip((actuator.id for actuator in device.actuators), shown.levels, strict=False))
     for hand, name in zip(HANDS, ("left", "right"), strict=True):
         level = min(levels.get(name, 0.0), 1.0)
-        if level > _AMPLITUDE:
+        if level >= _AMPLITUDE:
             duration = REQUEST_S * second
             state.haptic_action_apply(bpy.context, ACTIONS, "haptic", hand, duration, 160.0, level)
 

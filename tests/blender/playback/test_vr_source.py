@@ -54,7 +54,8 @@ def test_the_hips_take_the_heading_and_the_head_the_rest() -> None:
     ("version", "levels", "requests"),
     [
         ((5, 2, 2), (0.4, 0.0), [("/user/hand/left", 0.05 * 1e6, 0.4)]),
-        ((5, 2, 2), (0.001, 2.0), [("/user/hand/right", 0.05 * 1e6, 1.0)]),
+        ((5, 2, 2), (0.00005, 2.0), [("/user/hand/right", 0.05 * 1e6, 1.0)]),
+        ((5, 2, 2), (0.0, 0.0001), [("/user/hand/right", 0.05 * 1e6, 0.0001)]),
         ((5, 3, 0), (0.4, 0.4), []),  # untested: the same factor could be hours
         ((4, 5, 0), (0.4, 0.4), []),
     ],
