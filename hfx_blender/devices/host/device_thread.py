@@ -531,8 +531,8 @@ class DeviceThread:
 
     def _report_levels(self, values: F64, previous: F64 | None, now: float) -> None:
         """Report the event "levels": distance of each strength from neutral, a share of its reach
-        rounded to 0.0001. Values after silence are reported at once, as studies log this time; other
-        changes 0.1 s after the last report at the earliest."""
+        rounded to 0.0001. Values after silence are reported at once, as studies log this time;
+        other changes 0.1 s after the last report at the earliest."""
         was_silent = previous is None or np.array_equal(previous[self._strengths], self._rest)
         begins = was_silent and not np.array_equal(values[self._strengths], self._rest)
         if not begins and now < self._levels_at + _LEVELS_S:
