@@ -68,10 +68,7 @@ class VrSource:
             return None
         apply_haptics(state)
         turn = Quaternion(state.viewer_pose_rotation) @ _LOOK.inverted()
-        if not self._eyes_m:
-            # A session may begin at the place of the viewport, above the ground.
-            low, high = _EYES_M
-            self._eyes_m = head.z if low < head.z < high else sum(_EYES_M) / 2.0
+        self._eyes_m = self._eyes_m or eye_height(head.z)
         return pose_of(head, turn, hands, self._eyes_m)
 
     def close(self) -> None:
@@ -80,6 +77,14 @@ class VrSource:
             state = bpy.context.window_manager.xr_session_state
             for hand in HANDS:
                 state.haptic_action_stop(bpy.context, ACTIONS, "haptic", hand)
+
+
+def eye_height(height_m: float) -> float:
+    """Eye height of a standing person from the height of the head in the first pose, metres; an
+    average one where the head is not at the height of a standing person's."""
+    # A session may begin at the place of the viewport, above the ground.
+    low, high = _EYES_M
+    return height_m if low < height_m < high else sum(_EYES_M) / 2.0
 
 
 def pose_of(head: Vector, turn: Quaternion, hands: list[Vector], eyes_m: float) -> HumanPose:
