@@ -301,7 +301,7 @@ def changes(options: argparse.Namespace, folder: Path) -> int:
             board.first_s = None
             sender.change()
             if not until(lambda board=board: board.first_s is not None, 1.0):
-                print("a change did not arrive")  # noqa: T201
+                print(f"change {number} did not arrive: {session.close()}")  # noqa: T201
                 return 1
             seconds.append((board.first_s or 0.0) - sender.changed_s)
     finally:

@@ -29,10 +29,22 @@ from live_timing import DistantBoard, shown
 import hfx_blender
 from hfx_blender.avatars.tracked_rig import HumanPose
 from hfx_blender.blender import events
+from hfx_blender.devices.live.host_pipe import HostPipe
 from hfx_blender.playback.live.body_tracking import body_tracking
 from hfx_blender.playback.live.live import live
 
 BELT = "waist_belt"
+SENT_S = [0.0]
+"""Time of the last stop that Blender has sent."""
+_silence = HostPipe.silence
+
+
+def _noted_silence(*arguments: Any, **settings: Any) -> None:
+    _silence(*arguments, **settings)
+    SENT_S[0] = time.perf_counter()
+
+
+HostPipe.silence = _noted_silence  # type: ignore[method-assign]
 
 
 class Person:
@@ -151,13 +163,16 @@ def run(trials: int, folder: str) -> int:
         goes_on_until_s = time.perf_counter() + random.uniform(0.02, 0.1)
         main_loop(lambda end_s=goes_on_until_s: time.perf_counter() > end_s, 1.0)
         kind = KINDS[number % len(KINDS)]
+        SENT_S[0] = 0.0
         ended_s = end(kind, person, saved)
+        sent_s = SENT_S[0] - ended_s
         is_silent = main_loop(lambda: board.strength == 0.0, 2.0)
         taken_s = board.changed_s - ended_s
         if not is_silent or board.is_by_dead_man or taken_s > 0.05:
             text = f"{1000.0 * taken_s:.1f} ms" if is_silent else "no silence"
             by = "dead-man switch" if board.is_by_dead_man else "a frame"
-            halted = f"the board's process halted for {1000.0 * board.halted_s:.1f} ms"
+            sent, halted_s = f"sent after {1000.0 * sent_s:.1f} ms", board.halted_s
+            halted = f"{sent}; the board's process halted for {1000.0 * halted_s:.1f} ms"
             print(f"trial {number}, {kind}: {text} by {by}; {halted}: {live.states}")  # noqa: T201
         if not is_silent or board.is_by_dead_man:
             faults += 1
