@@ -187,8 +187,10 @@ def record_track(
             header = TrackHeader.of(description, models, settings=settings, tools=tools)
             renderers = renderers_of(header, devices)
             with TrackWriter(path, header, full_precision=full_precision) as writer:
-                for chunk in _chunks(own_blocks(evaluated)):
+                single = ([pair] for pair in own_blocks(evaluated))
+                for chunk in _chunks(own_blocks(evaluated)) if renderers else single:
                     # Renderers get the runs as stored: quantised, and joined to whole chunks.
+                    # Without renderers single blocks suffice, and take less memory.
                     runs = writer.append(joined_runs((runs for _, runs in chunk), header.streams))
                     for _, renderer in renderers:
                         renderer.add(runs)

@@ -70,7 +70,7 @@ class StillVolumes:
         known = self._read.get(which)
         if known is None or len(known.levels) != count:
             effect = self._make(which)
-            known = effect.still(count)
+            known = effect.read(np.zeros(count))
             assert known.matrices is not None
             shown = self._matrices[self._rows[which]].copy()
             shown[:3, :3] *= effect.scale

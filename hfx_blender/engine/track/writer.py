@@ -324,8 +324,9 @@ class _SectionBuilder:
         """Collected samples of stream number ``stream`` as a section of a block that starts at
         sample ``start``; to be called once."""
         indices = np.concatenate(self._columns.pop("steps"))
-        columns = {name: np.concatenate(parts) for name, parts in self._columns.items()}
-        channels = {name: np.concatenate(parts) for name, parts in self._channels.items()}
+        # Removed one by one, so that no two copies of a chunk are in memory.
+        columns = {n: np.concatenate(self._columns.pop(n)) for n in [*self._columns]}
+        channels = {n: np.concatenate(self._channels.pop(n)) for n in [*self._channels]}
         return Section(stream=stream, steps=indices - start, channels=channels, **columns)
 
 

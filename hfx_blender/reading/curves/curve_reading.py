@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cached_property
 
 import bpy
 import numpy as np
@@ -43,7 +42,6 @@ class CurveEffect:
         self._state = state
         self.shape = shape
         self._unit_m = unit_m
-        self._still: EffectBlock | None = None
         self._place = PlainObject(effect, self._default, parents)
         self._names = effect_values.properties_of(effect.hfx.modality)
         animated = {path for path, _ in self._place.values.columns}
@@ -123,20 +121,6 @@ class CurveEffect:
             shapes=(self.shape,),
             response=self._response(sampled),
         )
-
-    @cached_property
-    def is_still(self) -> bool:
-        """True if all values and the placement are equal at all times."""
-        return self._place.is_still
-
-    def still(self, count: int) -> EffectBlock:
-        """Block of a still effect at ``count`` times, read once; shared by calls with an equal
-        count."""
-        if self._still is None:
-            self._still = self.read(np.zeros(1))
-        if len(self._still.levels) != count:
-            self._still = _rows_of(self._still, np.zeros(count, np.int64))
-        return self._still
 
     def matrices(self, frames: F64) -> F64:
         """Shape space to world (T, 4, 4) in metres at animation frames (T,); reads nothing from
@@ -245,8 +229,6 @@ class EffectChunks:
     def read(self, which: int, indices: I64) -> EffectBlock:
         """Block of effect ``which`` at ascending, not empty sample indices (n,); if the reader has
         ``lone_samples``, all must be among these."""
-        if self._effects[which].is_still:
-            return self._effects[which].still(len(indices))
         # A comparison reads a few distant samples: a chunk around each would cost 256 times as
         # much.
         if self._lone_samples is not None:
@@ -268,16 +250,14 @@ class EffectChunks:
         return replace(parts[0], **columns)
 
     def _chunk(self, number: int, indices: I64) -> dict[int, EffectBlock]:
-        """Blocks of all moving effects, by key, at ``indices``, cached by chunk number; a new chunk
+        """Blocks of all effects, by key, at ``indices``, cached by chunk number; a new chunk
         removes all but the two neighbouring chunks."""
         if number not in self._chunks:
             # Blocks are read forwards and overlap by a few samples: two chunks are in use.
             frames = self._frames_of(indices)
             for old in [old for old in self._chunks if abs(old - number) > 1]:
                 del self._chunks[old]
-            self._chunks[number] = {
-                k: effect.read(frames) for k, effect in self._effects.items() if not effect.is_still
-            }
+            self._chunks[number] = {k: e.read(frames) for k, e in self._effects.items()}
         return self._chunks[number]
 
 

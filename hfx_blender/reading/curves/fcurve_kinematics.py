@@ -144,12 +144,6 @@ class PlainObject:
         return above @ self._parent_inverse @ own
 
     @property
-    def is_still(self) -> bool:
-        """True if no F-curve animates the object or a parent; False on a bone."""
-        is_above_still = self._parent is None or self._parent.is_still
-        return not self.values.columns and self._rig is None and is_above_still
-
-    @property
     def key_frames(self) -> F64:
         """Ascending unique animation frames (k,) of keys of the object, the parents and, on a bone,
         all bones."""
