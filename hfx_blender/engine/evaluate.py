@@ -151,6 +151,7 @@ class Engine:
         def finish() -> list[SampleRun]:
             unfinished = (run for finish_effect in begun for run in finish_effect())
             runs = [run for run in (*results, *unfinished) if run is not None]
+            results.clear()  # the function may outlive the runs
             self.counters.contacts += sum(run.contact_count for run in runs)
             return runs
 

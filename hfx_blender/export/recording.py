@@ -200,6 +200,9 @@ def record_track(
                             times.add_levels(effects, block)
                         times.touched |= dict.fromkeys(engine.touched, True)
                     yield [block for block, _ in chunk]
+                    # Freed before the next block is evaluated; generators hold these lists, too.
+                    for samples in (runs, *(own_runs for _, own_runs in chunk)):
+                        samples.clear()
         finished.extend(renderers)
 
     # Blender releases Python's lock while it steps a scene, so a second thread helps even on one
