@@ -31,7 +31,7 @@ class PlayedTrack:
         try:
             self.header = of_one_moment(self._reader.header)
             if not self.header.bodies:
-                raise InputError(f"{path}: it has no body; there are: none.")
+                raise InputError(f"{path}: The track has no body.")
             self.body_id = self.header.bodies[0].id
             settings = self._reader.header.settings
             self._play_space = PlaySpace.of_settings(settings) if SETTING in settings else None
