@@ -49,9 +49,7 @@ def set_offset(effect: bpy.types.Object, axis: int, distance: float) -> None:
     if component < 0:
         setattr(effect.hfx, name, length)
     else:
-        values = list(getattr(effect.hfx, name))
-        values[component] = length
-        setattr(effect.hfx, name, values)
+        getattr(effect.hfx, name)[component] = length
     path = f"hfx.{name}"
     # Blender inserts keyframes for its own gizmos only.
     if spot_placing.is_auto_keyed(bpy.context, effect, path):
@@ -129,8 +127,7 @@ class HFX_GGT_volume(_ViewportGizmos, bpy.types.GizmoGroup):
             arrow.hide = axis not in _AXES[effect.hfx.shape]
             arrow.matrix_basis = along(effect.matrix_world, axis)
 
-    # Blender calls refresh after changes, draw_prepare before each drawing, as animated effects
-    # need.
+    # Blender calls refresh after changes, draw_prepare before each drawing: effects are animated.
     refresh = draw_prepare
 
 
@@ -139,10 +136,8 @@ def along(world: Matrix, axis: int) -> Matrix:
     direction = Vector(world.col[axis].to_3d())
     if direction.length < 1e-9:
         direction = Vector((0.0, 0.0, 1.0))
-    return (
-        Matrix.Translation(world.translation)
-        @ direction.to_track_quat("Z", "Y").to_matrix().to_4x4()
-    )
+    turn = direction.to_track_quat("Z", "Y").to_matrix().to_4x4()
+    return Matrix.Translation(world.translation) @ turn
 
 
 def turn_wind(effect: bpy.types.Object, direction: Vector) -> None:
@@ -157,9 +152,8 @@ def turn_wind(effect: bpy.types.Object, direction: Vector) -> None:
     before = turned @ Vector((0.0, 0.0, 1.0))
     turned = before.rotation_difference(direction) @ turned
     effect.matrix_world = Matrix.LocRotScale(place, turned, scale)
-    mode = effect.rotation_mode
     names = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}
-    path = names.get(mode, "rotation_euler")
+    path = names.get(effect.rotation_mode, "rotation_euler")
     if spot_placing.is_auto_keyed(bpy.context, effect, path):
         effect.keyframe_insert(path)
 
@@ -215,7 +209,6 @@ class HFX_GGT_wind(_ViewportGizmos, bpy.types.GizmoGroup):
 _MIDDLE_PIXELS = 8.0
 _LEAST_RING_PIXELS = 24.0
 _COLOUR = (1.0, 0.85, 0.2)
-_SHOWN_BIG = (1.0, 1.0, 1.0)
 
 
 def _point_handle(gizmos: bpy.types.Gizmos) -> bpy.types.Gizmo:
@@ -231,7 +224,7 @@ def _point_handle(gizmos: bpy.types.Gizmos) -> bpy.types.Gizmo:
 
 def _show_as_handle(gizmo: bpy.types.Gizmo) -> None:
     gizmo.color, gizmo.alpha = _COLOUR, 0.8
-    gizmo.color_highlight, gizmo.alpha_highlight = _SHOWN_BIG, 1.0
+    gizmo.color_highlight, gizmo.alpha_highlight = (1.0, 1.0, 1.0), 1.0
     gizmo.line_width = 2.0
     gizmo.use_draw_modal = True
 
@@ -273,8 +266,7 @@ class HFX_GGT_spot(_ViewportGizmos, bpy.types.GizmoGroup):
         view = context.region_data.perspective_matrix
         depth = abs((view @ placed.translation.to_4d()).w)
         pixel = 2.0 * depth / max(context.region.width * view.row[0].to_3d().length, 1e-9)
-        least = _LEAST_RING_PIXELS * pixel
-        radius = max(effect.hfx.radius, least)
+        radius = max(effect.hfx.radius, _LEAST_RING_PIXELS * pixel)
         self.ring.matrix_basis = placed @ Matrix.Scale(radius, 4)
 
     refresh = draw_prepare

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -11,15 +12,10 @@ from ..authoring.effects import effect_assets, effects
 from ..blender import compat
 from ..operators.effects.drag_operator import KINDS, HFX_OT_drag_effect
 
-_ICONS = (
-    "ops.mesh.primitive_sphere_add_gizmo",
-    "ops.mesh.primitive_cube_add_gizmo",
-    "ops.curve.radius",
-    "ops.transform.push_pull",
-)  # of the effects in KINDS
+_ICONS = Path(__file__).with_name("icons")  # drawn by release/tool_icons.py
 
 
-def _tool(kind: str, label: str, description: str, icon: str) -> type:
+def _tool(kind: str, label: str, description: str) -> type:
     """New tool of Object Mode that drags out an effect, described as in ``KINDS``."""
 
     def draw_settings(_context: Any, layout: bpy.types.UILayout, tool: Any) -> None:
@@ -33,7 +29,7 @@ def _tool(kind: str, label: str, description: str, icon: str) -> type:
         "bl_idname": f"hfx.drag_{kind.lower()}",
         "bl_label": f"Haptic {label}",
         "bl_description": description,
-        "bl_icon": icon,
+        "bl_icon": str(_ICONS / kind.lower()),
         "bl_cursor": "CROSSHAIR",
         "bl_keymap": ((HFX_OT_drag_effect.bl_idname, press, {"properties": [("kind", kind)]}),),
         "draw_settings": staticmethod(draw_settings),
@@ -61,7 +57,7 @@ class FillPartTool(bpy.types.WorkSpaceTool):
     )
 
 
-_TOOLS = [_tool(*kind, icon) for kind, icon in zip(KINDS, _ICONS, strict=True)]
+_TOOLS = [_tool(*kind) for kind in KINDS]
 
 
 if compat.HAS_ASSET_SHELVES:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -12,6 +13,7 @@ from bl_ui.space_toolsystem_common import ToolSelectPanelHelper
 from mathutils import Vector
 
 from hfx_blender.ui import toolbar
+from release import tool_icons
 
 
 def drag(kind: str, start: Any, end: Any, **settings: Any) -> Any:
@@ -68,3 +70,13 @@ def test_the_tools_are_in_the_toolbar_of_object_mode(scene: Any) -> None:
     flat = panel._tools_flatten(panel.tools_from_context(bpy.context, "OBJECT"))
     again = [tool.idname for tool in flat if tool is not None]
     assert again == names, "registered once"
+
+
+def test_the_icons_of_the_tools_are_read_by_blender() -> None:
+    for tool in toolbar._TOOLS:
+        file = Path(f"{tool.bl_icon}.dat")
+        content = file.read_bytes()
+        # Three corners of two bytes, and three colours of four bytes, for each triangle.
+        assert content[:4] == b"VCO\0" and (len(content) - 8) % 18 == 0
+        assert content == tool_icons.icon(file.stem), "drawn by this script"
+        assert bpy.app.icons.new_triangles_from_file(str(file)) > 0
