@@ -26,6 +26,7 @@ _TIMELINE_SHARE = 0.34  # of the window's height: nine rows at 1280 x 720
 _TALL = 900  # window's height for a timeline below all, pixels at an interface scale of 1
 _LOW_SHARE = 0.18  # of the height, for that timeline: five rows
 _CLIPS_SHARE = 0.6  # of the remaining height
+_LEAST_FRAMES = 24.0  # of the NLA editor's view
 _FROM_THE_FRONT = Quaternion((0.743, 0.646, 0.114, 0.131))  # a little from above and aside
 _AGAIN_S = 0.05
 _DRAWN_S = 0.5
@@ -114,16 +115,19 @@ _AWAITED: Handlers = {"load_post": replace_cube_by_avatar}
 
 
 def _go_to_workspace() -> None:
-    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
+    window, is_saved = bpy.context.window_manager.windows[0], NAME in bpy.data.workspaces
+    with bpy.context.temp_override(window=window):
         bpy.ops.hfx.workspace()
+    if is_saved:  # in the start-up file: its areas stay as they are
+        call_soon(partial(_frame_bodies, window), _DRAWN_S)
 
 
-def _frame_bodies(window: bpy.types.Window, viewport: bpy.types.Area) -> None:
-    """Frame the haptic bodies from the front; no effect without any or after closing the area."""
-    with suppress(ReferenceError), bpy.context.temp_override(window=window, area=viewport):
+def _frame_bodies(window: bpy.types.Window) -> None:
+    """Frame the haptic bodies from the front; no effect without any or after closing the window."""
+    with suppress(ReferenceError), bpy.context.temp_override(window=window):
         context = bpy.context
-        bodies = effects.bodies_of(context.scene)
-        if bodies and context.mode == "OBJECT":
+        bodies, viewport = effects.bodies_of(context.scene), framing.viewport(context)
+        if bodies and viewport is not None and context.mode == "OBJECT":
             viewport.spaces.active.region_3d.view_rotation = _FROM_THE_FRONT
             meshes = [mesh for body in bodies for mesh in avatar_meshes.meshes_of(body)]
             framing.frame(context, [*bodies, *meshes])
@@ -168,7 +172,7 @@ def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iter
         while not _show_tab(viewport):
             yield False
         # By a timer, as the sidebar has no width before its drawing.
-        call_soon(partial(_frame_bodies, window, viewport), _DRAWN_S)
+        call_soon(partial(_frame_bodies, window), _DRAWN_S)
         while browser.spaces.active.params is None:  # until its first drawing
             yield False
         browser.spaces.active.show_region_toolbar = False
@@ -201,19 +205,19 @@ def _frame_clips(window: bpy.types.Window, editor: bpy.types.Area) -> None:
         region = next(region for region in editor.regions if region.type == "WINDOW")
         with bpy.context.temp_override(window=window, area=editor, region=region):
             bpy.ops.nla.view_all()
+            first, last = (region.view2d.region_to_view(x, 0)[0] for x in (0, region.width))
+            if last - first < _LEAST_FRAMES:  # a ruler of parts of a frame has no numbers
+                bpy.ops.view2d.zoom(deltax=0.5 * (last - first - _LEAST_FRAMES))
 
 
 def _show_tab(viewport: bpy.types.Area) -> bool:
     """Show the HFX tab of a viewport's sidebar; False before the first drawing of the sidebar."""
+    sidebar = next((region for region in viewport.regions if region.type == "UI"), None)
     try:
-        sidebar = next(region for region in viewport.regions if region.type == "UI")
-        # A sidebar has no tabs before its first drawing.
         sidebar.active_panel_category = TAB
-        viewport.tag_redraw()
-    except (TypeError, AttributeError):
+    except (TypeError, AttributeError):  # no tabs before the first drawing
         return False
-    except (ReferenceError, StopIteration):  # the viewport was closed
-        pass
+    viewport.tag_redraw()
     return True
 
 
@@ -228,10 +232,13 @@ def end_wait(_self: bpy.types.Menu, _context: bpy.types.Context) -> None:
     remove_handlers(_AWAITED)
 
 
+def _draw_window_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.separator()
+    self.layout.operator(HFX_OT_workspace.bl_idname, icon="WORKSPACE")
+
+
 ENTRIES = {
-    "TOPBAR_MT_window": lambda menu, _context: menu.layout.operator(
-        HFX_OT_workspace.bl_idname, icon="WORKSPACE"
-    ),
+    "TOPBAR_MT_window": _draw_window_menu,
     "TOPBAR_MT_file_new": draw_new_menu,  # also of Ctrl+N
     "TOPBAR_MT_file": end_wait,  # Defaults > Load Factory Settings begins a file, too
     "WM_MT_splash": end_wait,

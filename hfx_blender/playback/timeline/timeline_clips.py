@@ -30,7 +30,7 @@ _WANTED_ROWS = 4
 
 _RULER, _BELOW, _GAP = 24.0, 3.0, 1.0
 _POINTS = 96
-_NO_CLIPS = "The clips of effects appear here: press Add Clip"
+_NO_CLIPS = "Clips appear here: press Add Clip"
 _STRIP = (0.1, 0.1, 0.1, 1.0)  # below the envelope of a strip in the NLA Editor
 # Height from which on a row has the effect's name, pixels.
 _TEXT_ROW = 11.0
@@ -169,7 +169,8 @@ def _draw() -> None:
         if not wanted_height(context) and effects.bodies_of(context.scene):
             blf.size(0, 11.0 * context.preferences.system.ui_scale)
             blf.color(0, 0.7, 0.7, 0.7, 1.0)
-            write(translated(_NO_CLIPS), 0.05 * width, 0.5 * context.region.height, 0.9 * width)
+            # Right of the playhead at the first frame.
+            write(translated(_NO_CLIPS), 0.15 * width, 0.5 * context.region.height, 0.84 * width)
     except Exception:
         _has_failed = True
         _log.exception("clips in the timeline or NLA Editor")

@@ -188,6 +188,11 @@ class Driver:
         actual = yield from self._painted("wcol_menu", region)
         return actual
 
+    def text_fields(self) -> Iterator[float]:
+        """Centres of the text fields in the whole window, like :meth:`op_buttons`."""
+        actual = yield from self._painted("wcol_text", None)
+        return actual
+
     def radios(self) -> Iterator[float]:
         """Centres of the expanded menus' choices in the whole window, like :meth:`op_buttons`."""
         actual = yield from self._painted("wcol_radio", None)
