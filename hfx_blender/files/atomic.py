@@ -28,8 +28,9 @@ _passing: set[Path] = set()
 unfinished_paths: dict[Path, Callable[[Path], object]] = {}
 """Unfinished files and folders, with the functions for their removal at a forced end."""
 
-placing = threading.Lock()
-"""Lock held while files get their final names; a forced end of the process waits for it."""
+placing = threading.RLock()
+"""Lock held while files get their final names, and while unfinished files are made and registered.
+A forced end of the process waits for the lock and keeps it: no file is made afterwards."""
 
 _LONGEST_NAME: Final = 100  # of a name within a longer name; a file system allows 255 bytes
 _TOKEN_BYTES: Final = 8
@@ -41,14 +42,22 @@ _AT_ONCE: Final = 8  # parallel fsync calls: a disk writes several files in one 
 
 
 def remove_at_end(path: Path, remove: Callable[[Path], object]) -> None:
-    """Register an unfinished file or folder for removal, by ``remove(path)``, at a forced end."""
+    """Register an unfinished file or folder for removal, by ``remove(path)``, at a forced end. To
+    be called under :data:`placing`, together with the making of the file."""
     unfinished_paths[path] = remove
 
 
 @contextmanager
-def unfinished(path: Path, remove: Callable[[Path], object]) -> Iterator[None]:
-    """Context with a file or folder that a forced end of the process removes."""
-    remove_at_end(path, remove)
+def unfinished(
+    path: Path,
+    remove: Callable[[Path], object],
+    make: Callable[[Path], object] = lambda path: None,
+) -> Iterator[None]:
+    """Context with a file or folder, made by ``make(path)``, that a forced end of the process
+    removes."""
+    with placing:
+        make(path)
+        remove_at_end(path, remove)
     try:
         yield
     finally:
@@ -184,8 +193,9 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
         elif path.exists():
             raise OutputError(f"{path}: cannot be written (two results have this name).")
         # "x": two threads can never write to one hidden file.
-        raw = WatchedFile(temporary, "xb+")
-        remove_at_end(temporary, Path.unlink)
+        with placing:
+            raw = WatchedFile(temporary, "xb+")
+            remove_at_end(temporary, Path.unlink)
         if is_durable:
             with suppress(OSError):  # file system without locks: an abandoned file stays
                 take_lock(raw.fileno(), LOCKED_BYTE)

@@ -14,11 +14,20 @@ import shutil
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from ..errors import InputError, OutputError
-from .atomic import move, passing, refuse_taken, temporary_name, temporary_pattern, unfinished
+from .atomic import (
+    move,
+    passing,
+    placing,
+    refuse_taken,
+    temporary_name,
+    temporary_pattern,
+    unfinished,
+)
 from .locks import LOCKED_BYTE, NEW_S, is_ownerless, take_lock
 
 _OWNER: Final = "owner"
@@ -40,10 +49,9 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     made, and ValueError for a name with a NUL character."""
     remove_abandoned(parent)
     stage = parent / temporary_name(name)
-    stage.mkdir(0o700)
     owner: int | None = None
     # The folder is locked by its file "owner"; the text "locked" in it states a taken lock.
-    with unfinished(stage, remove_tree):
+    with unfinished(stage, remove_tree, partial(Path.mkdir, mode=0o700)):
         try:
             owner = os.open(stage / _OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
             with suppress(OSError):  # without locks on a network file system, the folder stays
@@ -102,11 +110,9 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
     contexts = ExitStack()
     new: list[Path] = []
     try:
-        # New folders are registered before they are made: a signal in between removes them.
-        new = _missing(folder)
-        for new_folder in new:
-            contexts.enter_context(unfinished(new_folder, Path.rmdir))
-        folder.mkdir(parents=True, exist_ok=True)
+        with placing:
+            new = _missing(folder, contexts)
+            folder.mkdir(parents=True, exist_ok=True)
         stage = contexts.enter_context(stage_folder(within or folder, name))
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         contexts.close()
@@ -129,9 +135,13 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
         _remove_empty(new)  # folders with results are not empty and stay
 
 
-def _missing(folder: Path) -> list[Path]:
-    """Missing folders among a folder and its parents, outermost first."""
-    return [path for path in (folder, *folder.parents) if not path.exists()][::-1]
+def _missing(folder: Path, contexts: ExitStack) -> list[Path]:
+    """Missing folders among a folder and its parents, outermost first. A forced end during
+    ``contexts`` removes them if empty."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()][::-1]
+    for path in missing:
+        contexts.enter_context(unfinished(path, Path.rmdir))
+    return missing
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:
@@ -151,10 +161,12 @@ def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tupl
         refuse_taken(target)
     new: list[Path] = []
     try:
-        for below in dict.fromkeys(target.parent for target in targets):
-            new += _missing(below)
-            make_folder(below)
-        return move(files, folder, base)
+        with ExitStack() as contexts:
+            for below in dict.fromkeys(target.parent for target in targets):
+                with placing:
+                    new += _missing(below, contexts)
+                    make_folder(below)
+            return move(files, folder, base)
     except (OSError, OutputError) as error:
         _remove_empty(new)
         # It names the file already.

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from hfx_blender.errors import HfxError
-from hfx_blender.files.atomic import remove_at_end
+from hfx_blender.files.atomic import placing, remove_at_end
 from hfx_blender.files.staging import remove_tree
 from hfx_blender.processes.start import CHILD
 
@@ -59,8 +59,9 @@ def _temporary_folder() -> Iterator[None]:
     uses the user's temporary folder itself."""
     global _temporary
     with suppress(OSError):  # missing or full: Blender looks for a folder
-        _temporary = Path(tempfile.mkdtemp(prefix="hfx_"))
-        remove_at_end(_temporary, remove_tree)
+        with placing:
+            _temporary = Path(tempfile.mkdtemp(prefix="hfx_"))
+            remove_at_end(_temporary, remove_tree)
         atexit.register(remove_temporary_files)
     if _temporary is None:
         yield

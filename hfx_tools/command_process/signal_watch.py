@@ -160,12 +160,15 @@ def _flush() -> None:
 
 
 def _tidy() -> None:
-    """End child processes within 2 s, then remove unfinished files."""
+    """End child processes within 2 s, then remove unfinished files; threads that make further files
+    wait until the end of the process."""
     end_children(_CHILDREN_S)
-    with atomic.placing:  # waits while the files of a result are moved into place
-        for path, remove in reversed(list(atomic.unfinished_paths.items())):
-            with suppress(OSError):
-                remove(path)
+    # Waits while the files of a result are moved into place. Never released: the main thread may
+    # run on until the exit, and would leave a new file behind.
+    atomic.placing.acquire()
+    for path, remove in reversed(list(atomic.unfinished_paths.items())):
+        with suppress(OSError):
+            remove(path)
 
 
 def end_children(limit_s: float) -> None:

@@ -5,16 +5,19 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from hfx_blender.files.atomic import unfinished
+from hfx_blender.files.atomic import placing, unfinished
 from hfx_blender.files.staging import remove_tree
 
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
     """Context with a new folder in the system's temporary folder; also removed by signals."""
-    with tempfile.TemporaryDirectory(prefix="hfx-", ignore_cleanup_errors=True) as name:
-        with unfinished(Path(name), remove_tree):
-            yield Path(name)
+    with ExitStack() as stack:
+        with placing:
+            folder = Path(tempfile.mkdtemp(prefix="hfx-"))
+            stack.enter_context(unfinished(folder, remove_tree))
+        stack.callback(remove_tree, folder)
+        yield folder
