@@ -23,10 +23,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-LIMIT_S = 5.0
-PYTHON_STARTS_S = 0.15
-"""Until then Python itself may be starting, before any line of ours: the system's own end."""
+sys.path.insert(0, str(ROOT))
 
+from hfx_blender.devices.host.process_watch import says_ending  # noqa: E402
+
+LIMIT_S = 5.0
 NAMES = ("SIGTERM", "SIGHUP", "SIGINT")
 
 MAKE = """
@@ -143,16 +144,16 @@ def trial(
 ) -> None:
     """Send a signal, perhaps to the child processes as well, and record failures."""
     folder.mkdir(parents=True)
-    code, took_s, err, is_late = _run(
+    code, took_s, err, moment = _run(
         command, folder, getattr(signal, number), delay_s, is_for_all=is_for_all
     )
     expected = 128 + getattr(signal, number)
     all_.count[name] += 1
-    if is_late:  # the command had ended before
+    if moment == "end":
         all_.codes["complete"] += 1
         return
     faults = []
-    is_early = code in (-getattr(signal, number), 1) and delay_s < PYTHON_STARTS_S
+    is_early = code in (-getattr(signal, number), 1) and moment == "start"
     all_.codes["at Python's start" if is_early else str(code)] += 1
     all_.longest_s = max(all_.longest_s, took_s)
     if not is_early:
@@ -187,8 +188,9 @@ def _run(
     delay_s: float,
     *,
     is_for_all: bool = False,
-) -> tuple[int, float, str, bool]:
-    """Exit code, seconds from the signal to the end, errors, and whether the end came before."""
+) -> tuple[int, float, str, str]:
+    """Exit code, seconds from the signal to the end, errors, and the :func:`_moment` of the
+    signal."""
     out, temporary = folder / "out", folder / "temporary"
     out.mkdir(parents=True)
     temporary.mkdir()
@@ -204,10 +206,14 @@ def _run(
         preexec_fn=_undo_nohup,
     )
     time.sleep(delay_s)
-    is_late = started.poll() is not None
-    begun = time.monotonic()
+    begun, moment = time.monotonic(), ""
     if number is not None:
-        started.send_signal(number)
+        # Stopped, as the command could begin or end between the look and the signal.
+        # By os.kill: send_signal() would collect an ended process first.
+        os.kill(started.pid, signal.SIGSTOP)
+        moment = _moment(started.pid)
+        os.kill(started.pid, number)
+        os.kill(started.pid, signal.SIGCONT)
         for child in _processes(folder) if is_for_all else ():
             with suppress(OSError):
                 os.kill(child, number)
@@ -216,7 +222,21 @@ def _run(
     except subprocess.TimeoutExpired:
         started.kill()
         _, err = started.communicate()
-    return started.returncode, time.monotonic() - begun, err, is_late
+    return started.returncode, time.monotonic() - begun, err, moment
+
+
+def _moment(pid: int) -> str:
+    """Wait until a process stands still after SIGSTOP. Returns "end" if it exits or has ended: the
+    system frees the memory of Blender for up to 0.1 s. Returns "start" if Python starts, before any
+    line of the command: signals then have the system's handlers. Otherwise "command"."""
+    folder = Path(f"/proc/{pid}")
+    while not (stat := (folder / "stat").read_bytes()).rpartition(b")")[2].startswith(b" T"):
+        if says_ending(stat):
+            return "end"
+        time.sleep(0.001)
+    # Python itself catches SIGINT only.
+    caught = int((folder / "status").read_text().partition("SigCgt:")[2].split()[0], 16)
+    return "command" if caught & (1 << (signal.SIGTERM - 1)) else "start"
 
 
 def _undo_nohup() -> None:
