@@ -24,6 +24,7 @@ import tempfile
 import threading
 import time
 import tty
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -99,6 +100,7 @@ class Board(threading.Thread):
         self.is_by_dead_man = False  # the last silence, by the board's own clock
         self.halted_s = 0.0  # longest turn of this thread since the last change: 5 ms at most, but
         # on a computer that stands still
+        self.chunks: deque[tuple[float, bytes]] = deque(maxlen=20)  # received, with their times
         self._turn_s = time.perf_counter()
         self.changed: Callable[[], object] = lambda: None  # called after each change
         self._is_over = False
@@ -131,6 +133,7 @@ class Board(threading.Thread):
             self._turn_s = now_s
             board = self.firmware
             if content:
+                self.chunks.append((now_s, content))
                 board.now_ms = int(1000.0 * now_s)
                 board.take(content)
             # The board's own clock runs only while no frame waits for this thread.
@@ -192,9 +195,16 @@ def print_changes() -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
     board = Board("pty")
     os.write(1, f"{board.port}\n".encode())
-    board.changed = lambda: os.write(
-        1, _CHANGE.pack(board.strength, board.changed_s, board.halted_s, board.is_by_dead_man)
-    )
+
+    def print_change() -> None:
+        if board.is_by_dead_man and not board.strength:
+            for received_s, content in board.chunks:
+                before_ms = 1000.0 * (board.changed_s - received_s)
+                print(f"{before_ms:.1f} ms before: {content.hex(' ')}", file=sys.stderr)  # noqa: T201
+        change = board.strength, board.changed_s, board.halted_s, board.is_by_dead_man
+        os.write(1, _CHANGE.pack(*change))
+
+    board.changed = print_change
     board.start()
     owner = os.getppid()
     while os.getppid() == owner:
@@ -205,6 +215,15 @@ def print_changes() -> None:
 def _firmware() -> Any:
     with tempfile.TemporaryDirectory() as folder:
         return built(Path(folder))
+
+
+def prioritize_session(pid: int) -> None:
+    """Give the session of a process the nice value of this process: with ``autogroup`` (man sched)
+    Linux compares nice values within a session only, and the output process has a session of its
+    own."""
+    with suppress(OSError):  # no autogroup, or not permitted
+        nice = os.getpriority(os.PRIO_PROCESS, 0)
+        Path(f"/proc/{pid}/autogroup").write_text(str(nice), encoding="ascii")
 
 
 def free_port() -> int:

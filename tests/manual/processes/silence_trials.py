@@ -28,7 +28,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
-from live_timing import DistantBoard, Sender, free_port, shown, until
+from live_timing import DistantBoard, Sender, free_port, prioritize_session, shown, until
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -46,9 +46,10 @@ def child(descriptor: int, arguments: list[str]) -> None:
     the receiver of OSC raises an error."""
     from hfx_blender.__main__ import main
     from hfx_blender.devices.live.client import LiveClient
+    from hfx_blender.devices.live.host_pipe import HostPipe
     from hfx_blender.tracking.receiver import OscReceiver
 
-    taken, stopped = OscReceiver.take, LiveClient.stop_all
+    taken, stopped, start = OscReceiver.take, LiveClient.stop_all, HostPipe.start
     broken: list[int] = []
 
     def note() -> None:
@@ -64,7 +65,13 @@ def child(descriptor: int, arguments: list[str]) -> None:
         note()
         stopped(self, *reason)
 
+    def start_host(self: HostPipe) -> None:
+        start(self)
+        prioritize_session(self.pid or 0)
+
+    prioritize_session(os.getpid())
     OscReceiver.take, LiveClient.stop_all = take, stop_all  # type: ignore[method-assign]
+    HostPipe.start = start_host  # type: ignore[method-assign]
     signal.signal(signal.SIGUSR1, lambda number, _frame: broken.append(number))
     sys.argv[1:] = arguments
     sys.exit(main())
@@ -109,7 +116,11 @@ def session(kind: str, clip: Path, folder: Path, board: DistantBoard) -> Iterato
     if command == "blender":
         program[1] = str(Path(__file__).resolve().with_name("track_body_stops.py"))
         line = ["--port", board.port]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "HFX_USER_DATA": str(folder)}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "HFX_USER_DATA": str(folder),
+    }
     with open(folder / "output.txt", "w+b") as output:
         process = subprocess.Popen(
             [*program, *line],
@@ -117,6 +128,7 @@ def session(kind: str, clip: Path, folder: Path, board: DistantBoard) -> Iterato
             stderr=subprocess.STDOUT,
             env=environment,
             pass_fds=[writing],
+            start_new_session=True,
         )
         os.close(writing)
         if sender is not None:
@@ -167,7 +179,8 @@ def trial(kind: str, clip: Path, folder: Path, board: DistantBoard) -> tuple[flo
         if board.strength or board.changed_s > silent_s:
             return fault("not silent until its end")
         if board.is_by_dead_man:
-            return fault(f"dead-man switch after {1000.0 * (silent_s - began_s):.1f} ms")
+            halted = f"the board's process halted for {1000.0 * board.halted_s:.1f} ms"
+            return fault(f"dead-man switch after {1000.0 * (silent_s - began_s):.1f} ms; {halted}")
         return silent_s - began_s, ""
 
 
