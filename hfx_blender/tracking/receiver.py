@@ -35,6 +35,11 @@ _BURST: Final = 96.0
 
 _WAIT_S: Final = 0.02  # between two tests for the end
 
+# Datagrams within a second that make a sender the only one, until it is silent for half a second.
+# A program that opens a socket for each datagram stays below.
+_STEADY: Final = 10
+_SILENT_S: Final = 0.5
+
 
 class ReceivedMessage(NamedTuple):
     """OSC message and the time of its arrival on the clock of ``time.monotonic``, seconds."""
@@ -50,6 +55,8 @@ class OscReceiver:
     attribute ``port`` has the port in use.
     ``allowed``: networks of allowed senders; by default loopback and private networks.
     ``is_used``: test of OSC addresses that are decoded; None: all.
+    ``is_single``: take the datagrams of one steady sender only; the attribute ``second`` has the
+    address and port of another sender, None without one.
 
     Of messages with the same address and the same first text argument the newest counts. The
     attribute ``ignored`` counts ignored datagrams and messages.
@@ -63,6 +70,7 @@ class OscReceiver:
         port: int = 0,
         allowed: Sequence[str] = PRIVATE,
         is_used: Callable[[str], bool] | None = None,
+        is_single: bool = False,
     ) -> None:
         networks = [_network(text) for text in allowed]
         # A flood of one sender must not parse the sender's address for each datagram.
@@ -72,6 +80,11 @@ class OscReceiver:
         self._lock = threading.Lock()
         self._is_closed = False
         self.ignored = 0
+        self.second: tuple[str, int] | None = None
+        self._is_single = is_single
+        self._steady: tuple[str, int] | None = None
+        self._steady_s = self._counted_s = 0.0
+        self._counts: dict[tuple[str, int], int] = {}
         self._socket = _bound_socket(address, port)
         self._socket.settimeout(_WAIT_S)
         self.port = int(self._socket.getsockname()[1])
@@ -103,7 +116,7 @@ class OscReceiver:
             budget = min(budget + _MESSAGES_PER_S * (now_s - counted_s), _BURST)
             counted_s = now_s
             budget -= 1.0
-            if self._is_allowed(sender[0]):
+            if self._is_allowed(sender[0]) and self._is_of_one(sender[:2], now_s):
                 messages, ignored = decode(datagram, self._is_used)
                 budget -= len(messages) + ignored
                 self._keep(messages, now_s)
@@ -113,6 +126,24 @@ class OscReceiver:
             # The system drops what its buffer cannot hold while this thread rests.
             if budget < 0.0:
                 time.sleep(-budget / _MESSAGES_PER_S + _BURST / _MESSAGES_PER_S / 2.0)
+
+    def _is_of_one(self, sender: tuple[str, int], now_s: float) -> bool:
+        """Test that no other sender is steady; always true for a receiver of several."""
+        if not self._is_single:
+            return True
+        if self._steady is not None and sender != self._steady:
+            if now_s - self._steady_s <= _SILENT_S:
+                self.second = sender
+                return False
+            self._steady, self.second = None, None
+        if now_s - self._counted_s > 1.0:
+            self._counted_s, self._counts = now_s, {}
+        self._counts[sender] = self._counts.get(sender, 0) + 1
+        if self._counts[sender] >= _STEADY:
+            self._steady = sender
+        if sender == self._steady:
+            self._steady_s = now_s
+        return True
 
     def _keep(self, messages: list[OscMessage], now_s: float) -> None:
         """Store messages in place of older ones with equal address and name."""

@@ -48,6 +48,11 @@ def _parents() -> dict[str, str]:
 PARENTS: Final = _parents()
 """Parent of each of Unity's 55 human bones, parents before children; "" for ``Hips``."""
 
+_TRUNK: Final = (ROOT, "Hips", "Spine", "Chest", "UpperChest", "Neck", "Head")
+
+# Time without a pose of the trunk or headset after which earlier poses are void, seconds.
+_VOID_S: Final = 2.0
+
 # A person wears far fewer trackers: more names are a flood.
 _MAX_DEVICES: Final = 32
 _UNIT_TOLERANCE: Final = 0.05  # of a quaternion's length
@@ -71,6 +76,11 @@ class VmcBody:
     ``is_ready``: False while the sender states that it has no model or no tracking.
     ``time_s``: clock of the sender in seconds; NaN before the first message.
     ``ignored``: number of refused poses: NaN, infinity, no rotation, beyond 1 km.
+    ``newest_s``: arrival of the newest pose on the clock of ``time.monotonic``; -inf before.
+    ``longest_m``: greatest distance of a bone from its parent, metres.
+
+    Poses of limbs and trackers alone bring no body back: after 2 s without root, trunk and headset
+    their next pose removes all poses that are as old.
     """
 
     def __init__(self) -> None:
@@ -79,7 +89,9 @@ class VmcBody:
         self.is_ready = True
         self.time_s = math.nan
         self.ignored = 0
-        self._arrived_s = -math.inf
+        self.longest_m = 0.0
+        self.newest_s = self._arrived_s = -math.inf
+        self._stored_s: dict[str | tuple[str, str], float] = {}
 
     @staticmethod
     def is_used(address: str) -> bool:
@@ -87,8 +99,8 @@ class VmcBody:
         return address in _ADDRESSES
 
     def age_s(self, now_s: float | None = None) -> float:
-        """Seconds since the arrival of the newest valid pose, on the clock of ``time.monotonic``;
-        infinity before the first pose."""
+        """Seconds since the newest valid pose of root, trunk or headset while the sender was ready,
+        on the clock of ``time.monotonic``; infinity before the first."""
         return (time.monotonic() if now_s is None else now_s) - self._arrived_s
 
     def update(self, messages: Iterable[ReceivedMessage]) -> None:
@@ -102,10 +114,8 @@ class VmcBody:
                 self._update_state(kind, arguments)
                 continue
             pose = _pose(arguments)
-            if pose is None or not self._store(kind, str(arguments[0]), pose):
+            if pose is None or not self._store(kind, str(arguments[0]), pose, arrived_s):
                 self.ignored += 1
-            else:
-                self._arrived_s = max(self._arrived_s, arrived_s)
 
     def _update_state(self, kind: str, arguments: tuple[object, ...]) -> None:
         numbers = [x for x in arguments if isinstance(x, int | float) and math.isfinite(x)]
@@ -117,19 +127,31 @@ class VmcBody:
             # Version 2.7 adds a fourth number, the state of tracking.
             self.is_ready = numbers[0] == 1 and (len(numbers) < 4 or numbers[3] == 1)
 
-    def _store(self, kind: str, name: str, pose: BonePose) -> bool:
+    def _store(self, kind: str, name: str, pose: BonePose, arrived_s: float) -> bool:
         """Store a pose; False for an unknown bone, or too many devices."""
-        if kind == "Root":
-            self.poses[ROOT] = pose
-        elif kind == "Bone":
-            if name not in PARENTS:
-                return name == "LastBone"  # sent by some programs for the end of Unity's list
-            self.poses[name] = pose
-        else:
-            if (kind, name) not in self.devices and len(self.devices) >= _MAX_DEVICES:
-                return False
-            self.devices[kind, name] = pose
+        is_of_body = kind in ("Root", "Bone")
+        key = ROOT if kind == "Root" else name if is_of_body else (kind, name)
+        if kind == "Bone" and name not in PARENTS:
+            return name == "LastBone"  # sent by some programs for the end of Unity's list
+        if not is_of_body and key not in self.devices and len(self.devices) >= _MAX_DEVICES:
+            return False
+        if self.is_ready and (key in _TRUNK or kind == "Hmd"):
+            if arrived_s - self._arrived_s > _VOID_S:
+                self._forget(arrived_s - _VOID_S)
+            self._arrived_s = max(self._arrived_s, arrived_s)
+        if kind == "Bone":
+            self.longest_m = max(self.longest_m, math.hypot(*pose.position_m))
+        (self.poses if is_of_body else self.devices)[key] = pose  # type: ignore[index]
+        self._stored_s[key] = arrived_s
+        self.newest_s = max(self.newest_s, arrived_s)
         return True
+
+    def _forget(self, before_s: float) -> None:
+        """Remove poses that arrived before a time."""
+        for key in [key for key, stored_s in self._stored_s.items() if stored_s < before_s]:
+            del self._stored_s[key]
+            self.poses.pop(key, None)  # type: ignore[arg-type]
+            self.devices.pop(key, None)  # type: ignore[arg-type]
 
 
 _ADDRESSES: Final = {

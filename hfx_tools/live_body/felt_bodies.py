@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -37,6 +37,9 @@ FADE_S: Final = 1.5
 """Duration of the fade after :data:`LOST_S`, seconds."""
 
 
+_LONGEST_M: Final = 5.0  # of a bone; greater lengths are in centimetres or millimetres
+
+
 @dataclass(eq=False)
 class FeltBody:
     """Body of the clip that follows a tracked person."""
@@ -49,6 +52,7 @@ class FeltBody:
     state: str = "waiting"  # waiting, tracked, lost
     values: Any = None  # (columns of the clip,) of the last evaluation
     matrices: Any = None  # (bones, 3, 4) of the last evaluation
+    _noted: set[str] = field(default_factory=set)
 
     def factor(self, now_s: float) -> float:
         """Factor of the values: 1 while poses arrive, 0 before the first and after the fade."""
@@ -56,8 +60,9 @@ class FeltBody:
             return 0.0
         return min(max(1.0 - (self.person.age_s(now_s) - LOST_S) / FADE_S, 0.0), 1.0)
 
-    def follow(self, now_s: float, seconds: float) -> str:
-        """Evaluate at the newest pose; returns a sentence for a person found or lost, else ""."""
+    def follow(self, now_s: float, seconds: float) -> list[str]:
+        """Evaluate at the newest pose; returns sentences for a person found or lost, and for a
+        sender with other units or besides another."""
         self.person.update(self.receiver.take())
         is_here = self.person.is_ready and self.person.age_s(now_s) <= LOST_S
         before, self.state = self.state, "tracked" if is_here else self.state
@@ -66,10 +71,28 @@ class FeltBody:
         if self.state != "waiting":
             self.matrices = self.pose.matrices(self.person)
             self.values = self.core.evaluate(self.matrices, seconds)
-        if before == self.state:
-            return ""
-        words = {"tracked": "is tracked", "lost": "lost its sender and fades to silence"}
-        return f"body '{self.name}' {words[self.state]}"
+        sentences = list(self._warnings())
+        if before != self.state:
+            stands = "has no tracking" if not self.person.is_ready else "lost its sender"
+            words = {"tracked": "is tracked", "lost": f"{stands} and fades to silence"}
+            sentences.append(f"body '{self.name}' {words[self.state]}")
+        return sentences
+
+    def _warnings(self) -> Iterator[str]:
+        """Sentences, once each, about a sender that cannot be felt as meant."""
+        longest_m, second = self.person.longest_m, self.receiver.second
+        if longest_m > _LONGEST_M and "units" not in self._noted:
+            self._noted.add("units")
+            yield (
+                f"body '{self.name}' has a bone of {longest_m:.3g} m: VMC has metres, set the "
+                "sender's scale"
+            )
+        if second is not None and "second" not in self._noted:
+            self._noted.add("second")
+            yield (
+                f"port {self.receiver.port} gets a second program's poses, from {second[0]} port "
+                f"{second[1]}: these are ignored"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +193,8 @@ class FeltBodies:
                 self._say(f"the clip has no part '{part[:100]}'")
         for body in self.bodies.values():
             self._effects.apply(self._values, body.core)
-            if news := body.follow(now_s, seconds):
-                self._say(news)
+            for sentence in body.follow(now_s, seconds):
+                self._say(sentence)
             if self.recording is not None and body.state != "waiting":
                 factor = body.factor(now_s) * self._values.gain
                 parameters = self._effects.parameters(self._values)

@@ -92,6 +92,7 @@ class _Messages:
     """Stand-in for a receiver."""
 
     port = 1
+    second: tuple[str, int] | None = None
 
     def __init__(self) -> None:
         self.waiting: list[ReceivedMessage] = []
@@ -99,6 +100,38 @@ class _Messages:
     def take(self) -> list[ReceivedMessage]:
         messages, self.waiting = self.waiting, []
         return messages
+
+
+def test_a_sender_without_tracking_fades_and_comes_back(clip: Path) -> None:
+    stage = Stage(clip)
+    assert stage.step(poses=True, intensity=0.8)[0] == 4.8
+    without = [ReceivedMessage(OscMessage("/VMC/Ext/OK", (0,)), stage.now_s)]
+    # Poses go on, as of a program whose model is being changed.
+    for k in range(210):
+        if not k:
+            stage.pose.waiting = without
+        else:
+            stage.pose.waiting = [ReceivedMessage(HIPS, stage.now_s)]
+        values = stage.step()
+    assert values == SILENT
+    assert stage.news[-1] == "body 'Anna' has no tracking and fades to silence"
+    stage.pose.waiting = [ReceivedMessage(OscMessage("/VMC/Ext/OK", (1,)), stage.now_s)]
+    stage.step()
+    assert stage.step(poses=True)[0] == 4.8
+
+
+def test_poses_in_centimetres_and_a_second_sender_are_named_once(clip: Path) -> None:
+    stage = Stage(clip)
+    tall = OscMessage("/VMC/Ext/Bone/Pos", ("Hips", 0.0, 95.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    stage.pose.second = ("127.0.0.1", 4000)
+    for _ in range(3):
+        stage.pose.waiting = [ReceivedMessage(tall, stage.now_s)]
+        stage.step()
+    assert stage.news == [
+        "body 'Anna' has a bone of 95 m: VMC has metres, set the sender's scale",
+        "port 1 gets a second program's poses, from 127.0.0.1 port 4000: these are ignored",
+        "body 'Anna' is tracked",
+    ]
 
 
 def test_values_follow_factors_gain_and_mutes(clip: Path) -> None:

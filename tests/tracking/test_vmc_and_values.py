@@ -101,6 +101,66 @@ def test_the_age_is_that_of_the_newest_pose() -> None:
         assert body.is_ready is is_ready
 
 
+def test_limbs_and_trackers_alone_bring_no_body_back() -> None:
+    still = (*[0.0] * 6, 1.0)
+    body = VmcBody()
+    body.update([bone("Hips", *still, at_s=10.0), bone("LeftHand", *still, at_s=10.0)])
+    tracker = OscMessage("/VMC/Ext/Tra/Pos", ("LHR-2", *still))
+    body.update([ReceivedMessage(tracker, 20.0), bone("LeftIndexProximal", *still, at_s=20.0)])
+    assert body.age_s(20.0) == 10.0
+    # The head comes back: hips and hand of ten seconds ago are void, the finger is not.
+    body.update([bone("Head", *still, at_s=20.5)])
+    assert body.age_s(20.5) == 0.0
+    assert set(body.poses) == {"Head", "LeftIndexProximal"}
+    # A dropout of less than two seconds keeps all.
+    body.update([bone("Hips", *still, at_s=22.0)])
+    assert set(body.poses) == {"Head", "LeftIndexProximal", "Hips"}
+
+
+def test_poses_of_a_sender_without_tracking_do_not_count() -> None:
+    body = VmcBody()
+    state = OscMessage("/VMC/Ext/OK", (1, 3, 0, 0))  # loaded, calibrated, no tracking
+    body.update([ReceivedMessage(state, 10.0), bone("Hips", *[0.0] * 6, 1.0, at_s=10.0)])
+    assert body.age_s(10.0) == math.inf
+
+
+def test_only_one_of_two_steady_senders_is_heard() -> None:
+    receiver = OscReceiver(is_single=True)
+    ends = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+    try:
+        for end in ends:
+            end.bind(("127.0.0.1", 0))
+        ports = [end.getsockname()[1] for end in ends]
+        for _ in range(20):
+            for end, port in zip(ends, ports, strict=True):
+                end.sendto(datagram("/a", port), ("127.0.0.1", receiver.port))
+            time.sleep(0.002)
+        receiver.take()
+        for end, port in zip(ends, ports, strict=True):
+            end.sendto(datagram(f"/{ports.index(port)}", port), ("127.0.0.1", receiver.port))
+        assert [m.message.address for m in taken(receiver)] == ["/0"]
+        assert receiver.second == ("127.0.0.1", ports[1])
+        # The first ends: the second takes over after half a second.
+        time.sleep(0.6)
+        ends[1].sendto(datagram("/b", 1), ("127.0.0.1", receiver.port))
+        assert [m.message.address for m in taken(receiver)] == ["/b"]
+        assert receiver.second is None
+    finally:
+        receiver.close()
+        for end in ends:
+            end.close()
+
+
+def test_datagrams_of_new_sockets_are_those_of_one_program() -> None:
+    receiver = OscReceiver(is_single=True)
+    try:
+        for k in range(30):
+            send(receiver, datagram(f"/{k}", 1))
+        assert len(taken(receiver, 30)) == 30 and receiver.second is None
+    finally:
+        receiver.close()
+
+
 def test_a_bundle_of_python_osc_arrives() -> None:
     receiver, body = OscReceiver(is_used=VmcBody.is_used), VmcBody()
     try:

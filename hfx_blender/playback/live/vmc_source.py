@@ -14,6 +14,10 @@ _WAIST, _WAIST_REACH = 0.57, 0.17  # height and tolerance, shares of the eye hei
 _APART_M = 0.1  # distance from the middle that tells left from right
 
 
+# Time during which poses of limbs and controllers count without root, trunk and headset, seconds.
+_ALONE_S = 0.5
+
+
 class VmcSource:
     """Poses received at a UDP port, as a :class:`.body_tracking.PoseSource`.
 
@@ -21,7 +25,7 @@ class VmcSource:
     """
 
     def __init__(self, address: str, port: int) -> None:
-        self._receiver = OscReceiver(address, port, is_used=VmcBody.is_used)
+        self._receiver = OscReceiver(address, port, is_used=VmcBody.is_used, is_single=True)
         self._body = VmcBody()
         self._worn = WornDevices()
         self.port = self._receiver.port
@@ -32,10 +36,10 @@ class VmcSource:
 
     def pose(self) -> HumanPose | None:
         body = self._body
-        last_age_s = body.age_s(0.0)
+        before_s = body.newest_s
         body.update(self._receiver.take())
-        # Ages at one moment: a smaller one means a newer pose.
-        if body.age_s(0.0) >= last_age_s or not body.is_ready:
+        is_new = body.newest_s > before_s and body.is_ready
+        if not is_new or body.age_s(body.newest_s) > _ALONE_S:
             return None
         if body.poses.keys().isdisjoint(("Hips", "Head")):
             return self._worn.pose(body)

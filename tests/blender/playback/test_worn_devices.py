@@ -37,7 +37,7 @@ class Sender:
         return messages
 
     def pose(self, *messages: tuple[Any, ...]) -> Any:
-        self.now_s += 1.0
+        self.now_s += 0.1
         for kind, name, *numbers in messages:
             numbers = [float(x) for x in (*numbers, *(UPRIGHT if len(numbers) == 3 else ()))]
             message = OscMessage(f"/VMC/Ext/{kind}/Pos", (name, *numbers))
@@ -66,6 +66,9 @@ def test_arms_reach_for_the_controllers_of_a_person_without_bones(
     expected = vr_source.pose_of(Vector((0, 0, 1.6)), Quaternion(), hands, 1.6)
     arm = "LeftUpperArm"
     assert crossed.rotations[arm].rotation_difference(expected.rotations[arm]).angle < 1e-5
+    # Controllers alone bring nobody back.
+    sender.now_s += 1.0
+    assert sender.pose(("Con", "A", 0.2, 1.3, 0.3)) is None
 
 
 def test_a_tracker_at_the_waist_moves_the_hips(monkeypatch: pytest.MonkeyPatch) -> None:
