@@ -50,8 +50,10 @@ def sound_of(source: bpy.types.SoundStrip | Path) -> tuple[npt.NDArray[np.float3
     """Samples (n, channels) of a file or of the visible part of a sound strip of the current scene,
     at its original speed, and samples a second. Raises InputError: the sound cannot be read;
     TooLargeError: it exceeds the memory limit."""
-    import aud  # missing in a Blender without sound
-
+    try:
+        import aud
+    except ImportError:
+        raise InputError("This Blender is built without sound, and cannot read any.") from None
     is_file = isinstance(source, Path)
     name = str(source) if is_file else f"Sound '{source.name}'"
     if is_file:

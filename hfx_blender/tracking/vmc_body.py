@@ -22,6 +22,12 @@ from .receiver import ReceivedMessage
 ROOT: Final = "root"
 """Name of the whole body's pose in :attr:`VmcBody.poses`."""
 
+LOST_S: Final = 0.5
+"""Time without a pose of root, trunk or headset after which a sender is lost, seconds."""
+
+FADE_S: Final = 1.4  # silent within 2 s of the last pose, with the way to the device
+"""Duration of the fade of all devices after :data:`LOST_S`, seconds."""
+
 _FINGERS: Final = ("Thumb", "Index", "Middle", "Ring", "Little")
 _JOINTS: Final = ("Proximal", "Intermediate", "Distal")
 

@@ -19,7 +19,7 @@ from hfx_blender.errors import InputError, UsageError
 from hfx_blender.files.strict_json import read_data
 from hfx_blender.formats.clip.container import Sections
 from hfx_blender.tracking.receiver import OscReceiver
-from hfx_blender.tracking.vmc_body import VmcBody
+from hfx_blender.tracking.vmc_body import FADE_S, LOST_S, VmcBody
 
 from ..commands.played_clip import check_columns, device_record
 from ..formats import clip_rules
@@ -30,12 +30,6 @@ from .live_values import LiveValues
 from .player_core import CoreBody
 from .track_recording import TrackRecording
 from .triggered_parts import TriggeredParts, strongest
-
-LOST_S: Final = 0.5
-"""Time without a pose after which a sender is lost, seconds."""
-FADE_S: Final = 1.5
-"""Duration of the fade after :data:`LOST_S`, seconds."""
-
 
 _LONGEST_M: Final = 5.0  # of a bone; greater lengths are in centimetres or millimetres
 

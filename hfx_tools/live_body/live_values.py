@@ -3,11 +3,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from typing import Final
 
+from hfx_blender.engine.modality import MODALITIES
 from hfx_blender.tracking import value_addresses
 from hfx_blender.tracking.receiver import OscReceiver
 from hfx_blender.tracking.value_addresses import ValueChange, change_of
+
+_RANGES: Final = {
+    parameter.name: (parameter.minimum, parameter.maximum)
+    for modality in MODALITIES.values()
+    for parameter in modality.parameters
+}
 
 
 @dataclass(eq=False)
@@ -78,4 +87,8 @@ class LiveValues:
         elif change.parameter == "mute":
             self.muted[change.name] = bool(change.value)
         else:
-            self.parameters[change.name, change.parameter] = change.value
+            lowest, highest = _RANGES.get(change.parameter, (-math.inf, math.inf))
+            if lowest <= change.value <= highest:
+                self.parameters[change.name, change.parameter] = change.value
+            else:
+                self.ignored += 1

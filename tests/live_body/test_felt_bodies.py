@@ -134,6 +134,14 @@ def test_poses_in_centimetres_and_a_second_sender_are_named_once(clip: Path) -> 
     ]
 
 
+def test_a_parameter_out_of_its_range_changes_nothing(clip: Path) -> None:
+    stage = Stage(clip)
+    assert stage.step(poses=True, intensity=0.8, amplitude_m_s2=6.0)[0] == 2.4
+    for value in (-5.0, 1e5, float("nan")):
+        assert stage.step(poses=True, amplitude_m_s2=value)[0] == 2.4
+    assert stage.values.ignored == 3
+
+
 def test_values_follow_factors_gain_and_mutes(clip: Path) -> None:
     stage = Stage(clip)
     assert stage.step(intensity=0.8) == SILENT, "nobody is tracked"
@@ -153,9 +161,9 @@ def test_a_lost_sender_fades_within_two_seconds_and_comes_back(clip: Path) -> No
     stage = Stage(clip)
     stage.step(poses=True, intensity=0.8)
     assert stage.step(0.5) == [4.8, 160.0, 0.0, 160.0]
-    # 0.75 s after the half second, of a fade of 1.5 s: a half.
-    assert stage.step(0.75) == [2.4, 160.0, 0.0, 160.0]
-    assert stage.step(0.75) == SILENT
+    # 0.7 s after the half second, of a fade of 1.4 s: a half.
+    assert stage.step(0.7) == [2.4, 160.0, 0.0, 160.0]
+    assert stage.step(0.7) == SILENT
     assert stage.step(10.0) == SILENT
     assert stage.step(poses=True) == [4.8, 160.0, 0.0, 160.0]
     assert stage.news == [

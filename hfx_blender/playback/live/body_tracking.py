@@ -21,6 +21,7 @@ from ...blender.events import add_handlers, call_soon, redraw, remove_handlers, 
 from ...blender.scene_info import fps_of
 from ...errors import HfxError, InputError
 from ...reading.stepped import stepping
+from ...tracking.vmc_body import FADE_S, LOST_S
 from .listening import listening
 from .live import live
 from .live_handlers import is_playing
@@ -30,10 +31,6 @@ if TYPE_CHECKING:
     from ...avatars.tracked_action import RigRecording
 
 STEP_S: Final = 1.0 / 60.0
-LOST_S: Final = 0.5
-"""Time without a pose after which a sender is lost, seconds."""
-FADE_S: Final = 1.5
-"""Duration of the fade of all devices after :data:`LOST_S`, seconds."""
 
 _log = logging.getLogger(__name__)
 

@@ -7,15 +7,11 @@ from mathutils import Quaternion, Vector
 
 from ...avatars.tracked_rig import HumanPose
 from ...tracking.receiver import OscReceiver
-from ...tracking.vmc_body import PARENTS, ROOT, VmcBody
+from ...tracking.vmc_body import LOST_S, PARENTS, ROOT, VmcBody
 from .vr_source import eye_height, pose_of
 
 _WAIST, _WAIST_REACH = 0.57, 0.17  # height and tolerance, shares of the eye height
 _APART_M = 0.1  # distance from the middle that tells left from right
-
-
-# Time during which poses of limbs and controllers count without root, trunk and headset, seconds.
-_ALONE_S = 0.5
 
 
 class VmcSource:
@@ -39,7 +35,7 @@ class VmcSource:
         before_s = body.newest_s
         body.update(self._receiver.take())
         is_new = body.newest_s > before_s and body.is_ready
-        if not is_new or body.age_s(body.newest_s) > _ALONE_S:
+        if not is_new or body.age_s(body.newest_s) > LOST_S:
             return None
         if body.poses.keys().isdisjoint(("Hips", "Head")):
             return self._worn.pose(body)

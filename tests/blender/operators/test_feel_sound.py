@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +12,20 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from hfx_blender.authoring import clips
+from hfx_blender.authoring import clips, media
 from hfx_blender.authoring.effects import effects
 from hfx_blender.blender import compat
+from hfx_blender.errors import InputError
 
 pytestmark = pytest.mark.skipif(
     not bpy.app.build_options.audaspace, reason="this Blender is built without Audaspace"
 )
+
+
+def test_a_blender_without_sound_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "aud", None)
+    with pytest.raises(InputError, match="built without sound"):
+        media.sound_of(tmp_path / "x.wav")
 
 
 @pytest.fixture
