@@ -71,11 +71,11 @@ def device_items() -> EnumItems:
 
     all_facts = [facts_of(name) for name in list_devices(resources.user_devices())]
     items: EnumItems = []
-    # More columns would be cut off in a small window.
+    # More columns, or rows, would be cut off in a small window.
     for title, groups in (
         (HEAD, (HEAD,)),
-        ("Arms and Hands", (ARMS, HANDS)),
-        ("Legs, Room and Other", (LEGS, ROOM, "")),
+        ("Arms and Legs", (ARMS, LEGS)),
+        ("Hands, Room and Other", (HANDS, ROOM, "")),
     ):
         column = [facts for group in groups for facts in all_facts if facts.group == group]
         items += [("", title, "")] if column else []

@@ -87,7 +87,8 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
                 layout.prop(hfx, name)
             _draw_falloff(layout, hfx)
             for name in ("stiffness", "damping", "friction")[: 3 if hfx.stiffness > 0.0 else 1]:
-                layout.prop(hfx, name)
+                label = hfx.bl_rna.properties[name].name
+                draw_with_unit(layout, hfx, name, translated(label))
         else:
             is_bodiless = effects.body_in(context.scene, effect) is None
             if is_bodiless or len(effects.bodies_of(context.scene)) > 1:

@@ -5,6 +5,7 @@ import bpy
 
 from hfx_blender.devices.live import live_settings
 from hfx_blender.devices.transports import page_output
+from hfx_blender.operators.live import connect_operators
 from hfx_blender.playback.live.live import live
 
 
@@ -25,3 +26,14 @@ def test_address_and_code_are_lines_of_the_panel() -> None:
     unit = "http://192.168.1.5:8137 code 042137"
     assert live_settings.page_of(unit) == ("192.168.1.5:8137", "042137")
     assert live_settings.page_of("Lovense Lush (left)")[1] == ""
+
+
+def test_the_menu_of_devices_fits_above_its_button_in_a_low_window() -> None:
+    """In a window of 720 pixels the button is 465 below the top; a row takes 20, a title 30."""
+    lengths = []
+    for item in connect_operators.device_items(None, None):
+        if not item[0]:
+            lengths.append(0)
+        else:
+            lengths[-1] += 1
+    assert len(lengths) == 3 and 20 * max(lengths) + 30 < 465
