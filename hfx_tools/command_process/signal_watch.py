@@ -14,8 +14,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from types import FrameType
 from typing import Final, NoReturn
@@ -48,6 +48,7 @@ class _Watch:
 
 
 _watching = _Watch()
+_actions: list[Callable[[], object]] = []
 _ending = threading.Lock()  # acquired once, by the thread that ends the process
 
 
@@ -74,6 +75,17 @@ def end_on_signals(*, at_once: bool = False) -> None:
     threading.Thread(target=_watch, args=(reading,), name="signals", daemon=True).start()
     for number in ours:
         signal.signal(number, _handle)
+
+
+@contextmanager
+def at_signals(action: Callable[[], object]) -> Iterator[None]:
+    """Context in which the watching thread calls ``action`` at each signal, at once: the main
+    thread may be busy for some time before its next check. Exceptions of ``action`` are ignored."""
+    _actions.append(action)
+    try:
+        yield
+    finally:
+        _actions.remove(action)
 
 
 def leave(code: int) -> NoReturn:
@@ -105,19 +117,22 @@ def _note(number: int) -> None:
 
 def _watch(reading: int) -> None:
     """Run the watching thread, which never returns: read numbers of arrived signals from the
-    descriptor ``reading``. If the main thread does not call its handler in ``_LOOK_S``, record the
-    signal here. If the main thread then exceeds its time limits to notice the signal and to unwind,
-    end child processes, remove unfinished files and exit with 128 + number."""
+    descriptor ``reading``, and call the actions of :func:`at_signals`. If the main thread does not
+    call its handler in ``_LOOK_S``, record the signal here. If the main thread then exceeds its
+    time limits to notice the signal and to unwind, end child processes, remove unfinished files and
+    exit with 128 + number."""
     while True:
         handled = _watching.handled
-        numbers = os.read(reading, 64)
+        numbers = [x for x in os.read(reading, 64) if signal.getsignal(x) is _handle]
+        for action in list(_actions) if numbers else ():
+            with suppress(Exception):
+                action()
         if _watching.handled == handled:
             time.sleep(_LOOK_S)
         # Python's handler has not run, as the main thread is in C code: record the signal here.
         if _watching.handled == handled and not state.is_answered:
             for number in numbers:
-                if signal.getsignal(number) is _handle:
-                    _note(number)
+                _note(number)
         # From here on two limits run: for the main thread to notice the signal, then to unwind.
         while state.number:
             limit_s = UNWINDING_S if state.is_unwinding else _watching.unnoticed_s

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Final, Protocol
 
 from hfx_blender.devices.host.clock import shorten_slices
@@ -12,6 +13,8 @@ from hfx_blender.devices.live.client import DeviceState, LiveClient
 from hfx_blender.devices.workers.render_process import SCENE_S
 from hfx_blender.errors import DeviceError
 from hfx_blender.processes.process_end import check
+
+from ..command_process.signal_watch import at_signals
 
 # Bounds of the time between two frames, seconds; each frame is a sign of life.
 _STEPS_S: Final = (0.01, 0.05)
@@ -54,7 +57,8 @@ def play(
 ) -> list[DeviceState]:
     """Play a source once on the connected devices of a client; return the failed devices.
 
-    Devices are stopped at the end, also after an exception, and ports are closed.
+    Devices are stopped at the end, also after an exception, and ports are closed. A signal stops
+    them at once, also during a long frame.
 
     ``from_s``: start time on the source's clock; None: the source's start.
     ``offset_s``: longest delay of a device, also of the end.
@@ -67,7 +71,9 @@ def play(
     Raises InputError: the file is damaged.
     """
     shorten_slices()
-    try:
+    with ExitStack() as stack:
+        stack.callback(client.stop_all, "the end was reached")
+        stack.enter_context(at_signals(client.stop_all))
         source.begin(client)
         # Wait for the opening of all devices, which may take seconds, and for the rendering of the
         # scene. After 60 s the playback begins on the devices that are armed.
@@ -104,8 +110,7 @@ def play(
             source.show(client, source.end_s + source.sample_s)  # silence after the last sample
             _wait_alive(client, _STEPS_S[0])
         failed = [state for state in client.devices.values() if not state.is_armed]
-    finally:
-        client.stop_all("the end was reached")
+    check()  # a signal near the end has stopped the devices: no fault of theirs
     return failed + _unstopped(client, [x for x in client.devices.values() if x not in failed])
 
 
@@ -123,8 +128,10 @@ def _wait_alive(client: LiveClient, step_s: float) -> None:
 
 
 def _require_playing(client: LiveClient) -> None:
-    """Raise ``DeviceError`` with all reasons if no device plays."""
+    """Raise ``DeviceError`` with all reasons if no device plays; TerminatedError after a signal,
+    which stops the devices."""
     if not any(state.is_armed for state in client.devices.values()):
+        check()
         raise DeviceError(" ".join(fault_of(state) for state in client.devices.values()))
 
 

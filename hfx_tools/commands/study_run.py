@@ -64,6 +64,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     from hfx_blender.devices.live.client import LiveClient
     from hfx_blender.files import resources
 
+    from ..command_process.signal_watch import at_signals
     from ..study.answers import AnswerFile
     from ..study.device_player import DevicePlayer
     from ..study.folder import Study
@@ -85,6 +86,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
         presenter = PagePresenter(study.plan.noise, options.page_port)
         stack.enter_context(closing(presenter))
         client = stack.enter_context(closing(LiveClient()))
+        stack.enter_context(at_signals(client.stop_all))
         for name, device in devices.items():
             connect(client, name, (device, None), options, write_note)
         player = DevicePlayer(client, devices)

@@ -69,6 +69,7 @@ class DevicePlayer:
             opening = ("connecting", "connected", "armed", "frozen")
             failed = [s for s in self._client.devices.values() if s.state not in opening]
             if failed or time.monotonic() > until_s:
+                check()  # a signal stops the devices
                 states = failed or list(self._client.devices.values())
                 raise DeviceError(" ".join(map(fault_of, states)))
             time.sleep(_IDLE_S)
@@ -140,6 +141,7 @@ class DevicePlayer:
         silent = [state for state in self._client.devices.values() if not state.is_armed]
         failed = [state for state in silent if state.state != "frozen"]
         if failed:
+            check()  # a signal stops the devices
             raise DeviceError(" ".join(map(fault_of, failed)))
         if silent and plays:
             raise StandstillError
