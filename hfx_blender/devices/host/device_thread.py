@@ -192,10 +192,12 @@ class DeviceThread:
         # Void requests get no answer; counted as open they would let all later values expire.
         self._answered = self._asked
 
-    def pulse(self, actuator: int) -> None:
-        """Play a test pulse of 0.3 s on an actuator, by index; ignored if unknown or not armed."""
+    def pulse(self, actuator: int, generation: int | None = None) -> None:
+        """Play a test pulse of 0.3 s on an actuator, by index; ignored if unknown or not armed, or
+        after a pause since ``generation`` of this thread (None: no such test)."""
         with self._wake:
-            if self.is_armed and 0 <= actuator < len(self.device.actuators):
+            is_void = generation not in (None, self.generation)
+            if self.is_armed and not is_void and 0 <= actuator < len(self.device.actuators):
                 self.test_pulse = actuator, self._clock.now()
                 self._wake.notify()
 

@@ -245,7 +245,7 @@ class Host:
         # Numbered before the test: a silence ahead comes before the test, or voids the number.
         is_question = kind is MessageKind.HAPTICS and thread.script is not None
         is_question |= kind is MessageKind.VALUES
-        question = thread.question(read_s) if is_question else None
+        question, generation = thread.question(read_s) if is_question else None, thread.generation
         if kind in _PLAYING and self._is_void(kind, thread.number):
             return
         if kind is MessageKind.STOP:
@@ -259,7 +259,7 @@ class Host:
         elif kind is MessageKind.HAPTICS and thread.script is not None:
             thread.script.ask(message.body, partial(thread.feed, question=question))
         elif kind is MessageKind.PULSE:
-            thread.pulse(int(decode_json(message.body).get("actuator", -1)))
+            thread.pulse(int(decode_json(message.body).get("actuator", -1)), generation)
         elif kind is MessageKind.SETTINGS:
             thread.set_offset(_offset_s(decode_json(message.body)))
         elif kind is MessageKind.DISCONNECT:

@@ -314,6 +314,29 @@ def test_messages_from_before_a_silence_ahead_start_nothing(kind: MessageKind, d
     assert session.played.port.is_loud()
 
 
+@pytest.mark.parametrize("begin", [MessageKind.PULSE, MessageKind.VALUES, MessageKind.ARM])
+@pytest.mark.parametrize(("kind", "device"), SILENCES)
+def test_a_silence_ahead_at_the_start_of_a_message_voids_the_message(
+    kind: MessageKind, device: int, begin: MessageKind
+) -> None:
+    session = Session()
+    session.stream(0.1)
+    is_void = session.host._is_void
+
+    def is_void_then_silent(*arguments: Any) -> bool:
+        session.host._is_void = is_void  # type: ignore[method-assign]
+        result = is_void(*arguments)
+        ahead(session, kind, device)  # in the other thread, after the test
+        return result
+
+    session.host._is_void = is_void_then_silent  # type: ignore[method-assign]
+    silent_s = session.clock.now_s
+    body = encode_values(frame()) if begin is MessageKind.VALUES else b'{"actuator": 0}'
+    session.receive(begin, body=body)
+    session.pass_time(0.2)
+    assert session.played.port.last_loud_s() <= silent_s + 0.001
+
+
 @pytest.mark.parametrize(("kind", "device"), SILENCES)
 def test_a_silence_that_comes_late_by_the_second_pipe_stops_nothing_armed_since(
     kind: MessageKind, device: int
