@@ -93,7 +93,7 @@ class Board(threading.Thread):
     ``pty``: the board's firmware, compiled for this computer, with its dead-man switch of 250 ms.
     """
 
-    def __init__(self, transport: str) -> None:
+    def __init__(self, transport: str, port: int = 0) -> None:
         super().__init__(daemon=True)
         self.transport, self.strength, self.changed_s = transport, 0.0, 0.0
         self.first_s: float | None = None  # of the first change after clearing
@@ -111,21 +111,26 @@ class Board(threading.Thread):
             self.firmware = FirmwareBoard(_firmware(), 32)
         else:
             self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            self.socket.bind(("127.0.0.1", 0))
+            self.socket.bind(("127.0.0.1", port))
+            self.socket.settimeout(0.05)
             self.port = str(self.socket.getsockname()[1])
             self._motors: dict[bytes, float] = {}
 
     def close(self) -> None:
-        """End the thread and close the terminal of a ``pty``."""
+        """End the thread and close the terminal or socket."""
         self._is_over = True
         self.join()
+        if self.transport == "udp":
+            self.socket.close()
+            return
         os.close(self.end)
         os.close(self._device_end)
 
     def run(self) -> None:
         while not self._is_over:
             if self.transport == "udp":
-                self._take_osc(self.socket.recv(65536), time.perf_counter())
+                with suppress(TimeoutError):
+                    self._take_osc(self.socket.recv(65536), time.perf_counter())
                 continue
             is_readable = select.select([self.end], [], [], 0.005)[0]
             content, now_s = os.read(self.end, 4096) if is_readable else b"", time.perf_counter()
@@ -251,7 +256,7 @@ class Session:
         ids = ["waist_belt"] if options.bodies == 1 else ["belt_a", "belt_b"]
         for name, board in zip(ids, self.boards, strict=True):
             board.start()
-            command += ["--device", str(_device(options.transport, folder, board.port, name))]
+            command += ["--device", str(device_file(options.transport, folder, board.port, name))]
         if options.transport == "pty":
             command += ["--port", self.boards[0].port]
         if options.bodies == 1:
@@ -276,7 +281,7 @@ class Session:
         return self.process.communicate()[0].decode()
 
 
-def _device(transport: str, folder: Path, port: str, name: str) -> Path:
+def device_file(transport: str, folder: Path, port: str, name: str) -> Path:
     """The shipped belt, or its copy of another name that sends OSC."""
     device = json.loads((ROOT / "device_configs/waist_belt.json").read_text(encoding="utf-8"))
     device["id"] = name

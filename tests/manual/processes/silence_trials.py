@@ -4,7 +4,10 @@
 ``python tests/manual/processes/silence_trials.py CLIP --trials 300`` starts a session for each
 trial, ends the session at a random moment, and prints the times from the ending to the first
 silence at the port, by kind. CLIP: 60 s of vibration on a body with the shipped ``waist_belt``.
-``--only KIND`` (as ``feel:SIGHUP``) runs one kind. The board is the firmware compiled for this
+``--only KIND`` (as ``feel:SIGHUP``) runs one kind. ``--anytime`` sends the signals of ``feel``,
+``osc`` and ``follow`` from the start of the command on. For an unplugged board the times are those
+of the command's end; for a receiver of UDP that has gone and returns before Ctrl-C, those of the
+last datagram other than silence. The board is the firmware compiled for this
 computer; a silence by its own dead-man switch is listed apart. POSIX.
 """
 
@@ -28,7 +31,16 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
-from live_timing import DistantBoard, Sender, free_port, prioritize_session, shown, until
+from live_timing import (
+    Board,
+    DistantBoard,
+    Sender,
+    device_file,
+    free_port,
+    prioritize_session,
+    shown,
+    until,
+)
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -38,6 +50,7 @@ KINDS = (
     *("feel:error", "osc:error", "follow:error"),
     *("feel:end", "osc:end", "feel:lost", "follow:lost"),
     *("blender:quit", "blender:SIGTERM", "blender:SIGKILL"),
+    *("feel:unplug", "osc:unplug", "udp:gone"),
 )
 
 
@@ -106,6 +119,10 @@ def session(kind: str, clip: Path, folder: Path, board: DistantBoard) -> Iterato
         sender = Sender(port)
         line = ["feel", *options, "--vmc", str(port)]
         line += ["--seconds", f"{random.uniform(0.5, 1.0):.3f}"] if ending == "end" else []
+    elif command == "udp":
+        sender = Sender(port)
+        device = device_file("udp", folder, board.port, "waist_belt")
+        line = ["feel", str(clip), "--device", str(device), "--vmc", str(port)]
     elif command == "osc":
         line = ["play", *options, "--osc", str(port)]
         line += ["--from", f"{random.uniform(59.0, 59.4):.3f}"] if ending == "end" else []
@@ -145,9 +162,77 @@ def session(kind: str, clip: Path, folder: Path, board: DistantBoard) -> Iterato
             os.close(reading)
 
 
+def trial_anytime(kind: str, clip: Path, folder: Path, board: DistantBoard) -> tuple[Any, str]:
+    """Seconds from a signal at a random moment since the start to the silence, 0 before the first
+    vibration, and ""; or None and the fault."""
+    number = getattr(signal, kind.partition(":")[2])
+    with session(kind, clip, folder, board) as (process, _sender, _reading):
+        time.sleep(random.uniform(0.0, 2.5))
+        began_s = time.perf_counter()
+        process.send_signal(number)
+        if not until(lambda: process.poll() is not None, 20.0):
+            return None, "did not end"
+        is_silent = until(lambda: board.strength == 0.0, 1.0)
+        output = (folder / "output.txt").read_text(errors="replace")
+        # Python itself may be starting, with the system's handlers.
+        codes = (128 + number, -number, 1 if number == signal.SIGINT else -number)
+        if not is_silent or board.is_by_dead_man or process.returncode not in codes:
+            at_end = f"exit {process.poll()}, dead man {board.is_by_dead_man}"
+            return None, f"{at_end}: {output[-600:]}"
+        return max(board.changed_s - began_s, 0.0), ""
+
+
+def trial_unplugged(kind: str, clip: Path, folder: Path) -> tuple[float | None, str]:
+    """Seconds from the closing of the board's terminal to the exit with code 4 and "", or None and
+    the fault."""
+    board = DistantBoard()
+    board.start()
+    with session(kind, clip, folder, board) as (process, _sender, _reading):
+        if not until(lambda: board.strength > 0.0 or process.poll() is not None, 60.0):
+            return None, "did not start"
+        time.sleep(random.uniform(0.02, 0.4))
+        began_s = time.perf_counter()
+        board.close()
+        board.strength = 0.0
+        is_ended = until(lambda: process.poll() is not None, 20.0)
+        ended_s = time.perf_counter()
+        output = (folder / "output.txt").read_text(errors="replace")
+        if not is_ended or process.returncode != 4 or " is lost " not in output:
+            return None, f"exit {process.poll()}: {output[-600:]}"
+        return ended_s - began_s, ""
+
+
+def trial_gone(kind: str, clip: Path, folder: Path) -> tuple[float | None, str]:
+    """Seconds from Ctrl-C to the last vibration at a receiver of UDP that went and came back before
+    Ctrl-C and "", or None and the fault."""
+    board = Board("udp")
+    board.start()
+    with session(kind, clip, folder, board) as (process, _sender, _reading):  # type: ignore[arg-type]
+        if not until(lambda: board.strength > 0.0 or process.poll() is not None, 60.0):
+            return None, "did not start"
+        board.close()
+        board.strength = 0.0
+        time.sleep(random.uniform(0.02, 0.4))
+        again = Board("udp", int(board.port))
+        again.start()
+        began_s = time.perf_counter()
+        process.send_signal(signal.SIGINT)
+        is_ended = until(lambda: process.poll() is not None, 20.0)
+        time.sleep(0.1)
+        output = (folder / "output.txt").read_text(errors="replace")
+        again.close()
+        if not is_ended or process.returncode != 130 or again.strength:
+            return None, f"exit {process.poll()}, strength {again.strength}: {output[-600:]}"
+        return max(again.changed_s - began_s, 0.0), ""
+
+
 def trial(kind: str, clip: Path, folder: Path, board: DistantBoard) -> tuple[float | None, str]:
     """Seconds from the ending to the silence and "", or None and the fault."""
     ending = kind.partition(":")[2]
+    if ending == "unplug":
+        return trial_unplugged(kind, clip, folder)
+    if ending == "gone":
+        return trial_gone(kind, clip, folder)
     with session(kind, clip, folder, board) as (process, sender, reading):
 
         def fault(text: str) -> tuple[None, str]:
@@ -188,6 +273,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("clip", type=Path)
     parser.add_argument("--trials", type=int, default=len(KINDS))
+    parser.add_argument("--anytime", action="store_true")
     parser.add_argument("--only", choices=KINDS, action="append", default=[])
     options = parser.parse_args()
     seconds: dict[str, list[float]] = {}
@@ -200,13 +286,15 @@ def main() -> int:
             kind = kinds[number % len(kinds)]
             # A killed command leaves its output process behind, which writes files for a moment.
             with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-                taken_s, fault = trial(kind, options.clip, Path(folder), board)
+                is_anytime = options.anytime and kind.partition(":")[2] in SIGNALS[:3]
+                run = trial_anytime if is_anytime else trial
+                taken_s, fault = run(kind, options.clip, Path(folder), board)
             if taken_s is None:
                 faults += 1
                 print(f"trial {number}, {kind}: {fault}", flush=True)  # noqa: T201
             else:
                 seconds.setdefault(kind, []).append(taken_s)
-                if taken_s > 0.05 and not kind.endswith("lost"):
+                if taken_s > 0.05 and not kind.endswith(("lost", "unplug")):
                     halted = f"the board's process halted for {1000.0 * board.halted_s:.1f} ms"
                     text = f"trial {number}, {kind}: {1000.0 * taken_s:.1f} ms; {halted}"
                     print(text, flush=True)  # noqa: T201
