@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ..export.report import ExportReport
 
 _INFOS = [FORMATS[id] for id in EXPORTED]
+_TRACK = FORMATS["track"].suffix
 FORMAT_ITEMS = tuple(
     (info.id, info.dialog[0], info.dialog[1], 1 << info.dialog[2]) for info in _INFOS if info.dialog
 )
@@ -103,8 +104,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
     bl_label = "Export Haptics"
     bl_options = {"REGISTER", "PRESET"}
 
-    filename_ext = ".hfxtrack"
-    filter_glob: StringProperty(default="*.hfxtrack", options={"HIDDEN"})
+    filter_glob: StringProperty(default=f"*{_TRACK}", options={"HIDDEN"})
     formats: EnumProperty(
         name="Formats",
         description="Formats to write; formats of devices are written for each device of the scene",
@@ -145,6 +145,13 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         for flags, items in (("formats", FORMAT_ITEMS), ("record", _RECORD_ITEMS))
         for name, *rest, _ in items
     }
+
+    @property
+    def filename_ext(self) -> str:
+        """End of the proposed file name: that of the first chosen format."""
+        suffixes = (info.suffix for info in _INFOS if info.id in self.formats)
+        # Blender replaces the part after the last dot.
+        return "." + next(suffixes, _TRACK).rpartition(".")[2]
 
     def draw(self, context: bpy.types.Context) -> None:
         from ..devices.configurations.device_facts import facts_of
@@ -250,7 +257,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
         for warning in report.warnings:
             self.report({"WARNING"}, translated(printable(warning)))
-        track = next((file for file in report.files if file.suffix == self.filename_ext), None)
+        track = next((file for file in report.files if file.suffix == _TRACK), None)
         if track is not None:  # the source of live devices
             context.scene.hfx.live_track = str(track)
         names = [file.name for file in report.files]

@@ -103,7 +103,7 @@ def _draw_level(layout: bpy.types.UILayout, effect: bpy.types.Object) -> None:
         # On use: it loads numpy, and Blender's start does not wait for it.
         from ...authoring.effects.sensation_levels import level_text
 
-        text = level_text(effect)
+        text = level_text(effect).removesuffix(" SL")
     except InputError:
         return  # the panel of the area states the fault
     if text:

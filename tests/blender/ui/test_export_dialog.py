@@ -181,3 +181,26 @@ def test_a_scene_that_cannot_be_exported_is_refused_before_the_dialog(
         bpy.data.objects.remove(body)
     assert HFX_OT_export.invoke(operator, bpy.context, None) == {"CANCELLED"}
     assert "has no haptic body" in reports[0]
+
+
+@pytest.mark.parametrize(
+    ("formats", "name"),
+    [
+        ({"wav"}, "storm.wav"),
+        ({"clip"}, "storm.hfxclip"),
+        ({"track", "csv"}, "storm.hfxtrack"),
+        ({"npz"}, "storm.npz"),  # not .raster.npz: a second check would repeat .raster
+    ],
+)
+def test_the_file_name_ends_like_the_first_chosen_format(
+    registered: Any, formats: set[str], name: str
+) -> None:
+    from bpy_extras.io_utils import ExportHelper
+
+    from hfx_blender.operators.export_operator import HFX_OT_export
+
+    end = HFX_OT_export.filename_ext.fget(SimpleNamespace(formats=formats))
+    dialog = SimpleNamespace(check_extension=True, filename_ext=end, filepath="storm.hfxtrack")
+    for _ in range(2):
+        ExportHelper.check(dialog, bpy.context)
+        assert dialog.filepath == name
