@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from coarse_models import at_level
 
 from hfx_blender.engine.body import model
 from hfx_tools.body_building import model_file, model_set
@@ -52,3 +54,17 @@ def scaled_variant(folder: Path, suffix: str, scale: float) -> Path:
 
 def _origin(item: model.PerceptualModel | model.Avatar) -> dict[str, dict[str, str]]:
     return {"canonical": {"id": item.id, "hash": item.content_hash}}
+
+
+def coarse_set(folder: Path, suffix: str = "-quadric") -> tuple[str, ...]:
+    """Write a set of coarse models of pressure and vibration, of ids as ``--method quadric`` has;
+    returns the ids, sorted."""
+    folder.mkdir(parents=True, exist_ok=True)
+    index: dict[str, Any] = {"version": model_set.MANIFEST_VERSION, "models": {}}
+    for modality in ("pressure", "vibration"):
+        coarse, _ = at_level(model.load_model(f"hfx-{modality}-1"), 2)
+        coarse = replace(coarse, id=f"hfx-{modality}-1{suffix}")
+        model_file.save(coarse, folder / f"{modality}.npz")
+        index["models"][coarse.id] = model_set.model_entry(coarse)
+    model_set.write_manifest(folder, index)
+    return tuple(sorted(index["models"]))

@@ -40,7 +40,7 @@ def picture_of(effect: bpy.types.Object) -> bpy.types.Image:
     Raises InputError: the canvas was edited, or the stored area is invalid."""
     from ..engine.body import atlas
 
-    weights, model_id = painting.weights_of(effect), effects.model_id_for(effect.hfx.modality)
+    weights, model_id = painting.weights_of(effect), effects.model_id_of(effect)
     _, size = atlas.texels(model_id)
     image = next((image for image in pictures() if image[EFFECT] == effect), None)
     if image is None:
@@ -124,7 +124,7 @@ def _shown(image: bpy.types.Image) -> F64 | None:
     from .surfaces.image_values import pixels_of
 
     cells, size = atlas.texels(image[MODEL])
-    model_id = effects.model_id_for(image[EFFECT].hfx.modality)
+    model_id = effects.model_id_of(image[EFFECT])
     if tuple(image.size) != size or image[MODEL] != model_id:
         return None
     brightest = pixels_of(image)[cells[:, 1], cells[:, 0], :3].max(axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ import bmesh
 import bpy
 
 from ..engine.body.parts import PARTS, SIDES
+from ..engine.modality import MODALITIES
 from ..errors import InputError
 from ..files import resources
 from ..files.atomic import amend_json
@@ -49,7 +50,7 @@ def begin(context: bpy.types.Context, effect: bpy.types.Object) -> bpy.types.Obj
             f"'{effect.name}' {effects.missing_body_reason(effect)}: press Move to Body in the "
             "panel Haptic Effect first."
         )
-    model = stored_fits.model_of(body, effects.model_id_for(effect.hfx.modality))
+    model = stored_fits.model_of(body, effects.model_id_of(effect))
     painted = weights_of(effect)
     canvas = model_mesh.add_posed(context, body, model, f"{effect.name} Area")
     model_mesh.freeze_pose(context, canvas)
@@ -126,8 +127,9 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
 
 
 def transfer_area(effect: bpy.types.Object) -> int:
-    """Transfer an area to the model of the effect's present modality; return the vertex count.
-    Raises InputError: the area was painted on another edition of the model, or is invalid."""
+    """Transfer an area to the model of the effect's present modality and body; return the vertex
+    count. Raises InputError, with the area unchanged: the area was painted on another edition of
+    the model, is invalid, or reaches no vertex of the new model."""
     import numpy as np
 
     from ..engine.body import areas
@@ -139,7 +141,38 @@ def transfer_area(effect: bpy.types.Object) -> int:
     weights = np.zeros(len(source))
     vertices, values = effects.checked_area(effect.name, *effects.area(effect), len(source))
     weights[vertices] = values
-    return set_weights(effect, areas.transferred(source, weights, effects.model_of(effect)))
+    target = effects.model_of(effect)
+    transferred = areas.transferred(source, weights, target)
+    if not transferred.any():
+        raise InputError(f"Effect '{effect.name}': its area reaches no vertex of '{target.id}'.")
+    return set_weights(effect, transferred)
+
+
+def transfer_areas(
+    scene: bpy.types.Scene, bodies: Collection[bpy.types.Object]
+) -> tuple[list[tuple[int, int]], list[str]]:
+    """Transfer the areas of effects on ``bodies``, in all scenes, to the bodies' present sets of
+    models. Returns the numbers of vertices before and after of each transferred area, and the names
+    of effects whose area stays on the earlier model: linked, overridden or invalid ones."""
+    on_bodies = (effect for effect in bpy.data.objects if effect.hfx.body in bodies)
+    counts, names = [], []
+    for effect in dict.fromkeys((*effects.effects_of(scene), *on_bodies)):
+        # An area painted for another modality stays, as it does not belong to the effect now.
+        modality = MODALITIES.get(effect.hfx.modality)
+        is_own = modality and effect.hfx.model_id.startswith(f"hfx-{modality.model}-")
+        if effects.body_of(effect) not in bodies or not is_own:
+            continue
+        try:
+            if not effects.has_other_area(effect):
+                continue
+            if effect.library is not None or effect.override_library is not None:
+                names.append(effect.name)
+            else:
+                before = len(effects.area(effect)[0])
+                counts.append((before, transfer_area(effect)))
+        except InputError:
+            names.append(effect.name)
+    return counts, names
 
 
 def selected_vertices(effect: bpy.types.Object) -> Bool:
@@ -281,7 +314,7 @@ def save_area(effect: bpy.types.Object, name: str) -> int:
     weights = weights_of(effect)
     vertices = np.flatnonzero(weights > 0.0)
     area = {
-        "model": effects.model_id_for(effect.hfx.modality),
+        "model": effects.model_id_of(effect),
         "vertices": vertices.tolist(),
         "weights": np.round(weights[vertices], 4).tolist(),
     }

@@ -65,7 +65,7 @@ def _anchors(effect: bpy.types.Object) -> tuple[bpy.types.Object, SurfaceAnchors
         raise InputError(f"'{effect.name}' has no body; choose one first.")
     if body.hfx.avatar is None:
         raise InputError(f"Body '{body.name}' has no mesh; add the haptic body with one selected.")
-    return body, body_binding.anchors_of(body, effects.model_id_for(effect.hfx.modality))
+    return body, body_binding.anchors_of(body, effects.model_id_of(effect))
 
 
 def _corner_uvs(meshes: list[bpy.types.Object], uv_map: str, needed: npt.NDArray[np.int32]) -> F64:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..engine.body.model import load_avatar, load_model
+from ..engine.body.model import PerceptualModel, load_avatar, load_model
 from ..engine.body.rigs.mapping import BoneMapping
 from ..engine.retargeting import layers, props, retarget
 from ..engine.retargeting import target as retarget_target
@@ -51,7 +51,8 @@ def fitting(
         meshes, targets = [meshes[k] for k in skin_numbers], [targets[k] for k in skin_numbers]
     rigid = [avatar_meshes.bone_of(armature, mesh) is not None for mesh in meshes]
     names, layer = [mesh.name for mesh in meshes], avatar_meshes.layer_of(armature)
-    hashes = [load_model(model_id).content_hash for model_id in model_ids()]
+    models = [load_model(model_id) for model_id in model_ids(armature)]
+    hashes = [model.content_hash for model in models]
     # The key covers everything that the fit depends on, so that a cached fit is exact.
     key = fit_cache.key_of("fit", targets, mapping, names, rigid, layer, hashes)
     cached = fit_cache.read(key)
@@ -59,7 +60,7 @@ def fitting(
         fit = fit_of(cached)
     else:
         try:
-            steps = _fitting_models(targets, names, rigid, mapping, layer)
+            steps = _fitting_models(models, targets, names, rigid, mapping, layer)
             fit = yield from within(steps, 0.1, 1.0)
         except InputError as error:
             raise InputError(f"Armature '{armature.name}': {error}") from None
@@ -70,13 +71,14 @@ def fitting(
 
 
 def _fitting_models(
+    models: Sequence[PerceptualModel],
     targets: Sequence[TargetAvatar],
     names: Sequence[str],
     rigid: Sequence[bool],
     mapping: BoneMapping,
     layer: Layer,
 ) -> Generator[float, None, Fit]:
-    """Fit all models to the surface, or to the bones alone if the surface is unusable, in steps.
+    """Fit models to the surface, or to the bones alone if the surface is unusable, in steps.
     Unusable are surfaces that fail the target's check, are mostly rigid pieces, or miss a body
     part; the warning says why. Meshes and notes of the result are empty."""
     avatar, target = load_avatar(), layers.joined(targets)
@@ -85,7 +87,6 @@ def _fitting_models(
     areas = [retarget_target.areas_of(t.vertices, t.triangles).sum() for t in targets]
     if no_surface is None and float(np.dot(areas, rigid)) >= 0.5 * float(np.sum(areas)):
         no_surface = f"{sum(rigid)} of its {len(rigid)} meshes are rigid pieces that hang on bones"
-    models = [load_model(model_id) for model_id in model_ids()]
     if no_surface is None:
         warping = retarget.warping(avatar, target, mapping, layer)
         warped_avatar = yield from within(warping, 0.0, 0.8)

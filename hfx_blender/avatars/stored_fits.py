@@ -54,9 +54,10 @@ class Fit:
     by_bones: bool = False  # the surface could not be followed
 
 
-def model_ids() -> list[str]:
-    """Ids of the perceptual models that the modalities are felt on."""
-    return sorted({f"hfx-{modality.model}-1" for modality in MODALITIES.values()})
+def model_ids(armature: bpy.types.Object) -> list[str]:
+    """Ids of the models that a fit has: the shipped ones, and those of the armature's set."""
+    shipped = {f"hfx-{modality.model}-1" for modality in MODALITIES.values()}
+    return sorted(shipped.union(armature.hfx.body_models.split()))
 
 
 def store(armature: bpy.types.Object, fit: Fit) -> None:
@@ -219,6 +220,12 @@ def clear(armature: bpy.types.Object) -> None:
 def is_fitted(armature: bpy.types.Object) -> bool:
     """Test for a stored fit."""
     return _stored_fit(armature) is not None
+
+
+def lacks_models(armature: bpy.types.Object) -> bool:
+    """Test for a stored fit without a model of the armature's set."""
+    fit = _stored_fit(armature)
+    return fit is not None and any(name not in fit["models"] for name in model_ids(armature))
 
 
 def is_by_bones(armature: bpy.types.Object) -> bool:

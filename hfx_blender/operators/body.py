@@ -20,6 +20,7 @@ from ..authoring import painting
 from ..authoring.effects import effects
 from ..avatars import avatar_meshes
 from ..blender.translation import translated
+from ..engine.body import model_library
 from ..engine.modality import MODALITIES
 from ..engine.stepwise import within
 from ..errors import InputError
@@ -261,6 +262,59 @@ class HFX_OT_fit_body(_FittingOperator):
         return message
 
 
+@kept_items
+def _model_sets() -> EnumItems:
+    sets = model_library.model_sets().items()
+    return [
+        ("DEFAULT", "Default", "Even cells of skin, one threshold apart"),
+        *((name, name, ", ".join(ids)) for name, ids in sets),
+    ]
+
+
+class HFX_OT_use_models(_FittingOperator):
+    """Choose the perceptual models that the bodies of the scene feel on. Painted areas move to the
+    nearest vertices"""
+
+    bl_label = "Body Models"
+
+    models: EnumProperty(name="Body Models", description="Installed set", items=_model_sets)
+    requires = ((active_body, "Select a haptic body"),)
+
+    def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
+        from ..avatars import bodies, model_mesh, stored_fits
+        from ..engine.body.model import load_model
+
+        ids = model_library.model_sets().get(self.models, ())
+        for model_id in ids:
+            load_model(model_id)  # a damaged set changes nothing
+        every = effects.bodies_of(context.scene)
+        for body in every:
+            effects.without_locked([body])
+        if any(painting.canvas_of(effect) is not None for effect in bpy.data.objects):
+            raise InputError("Finish painting first.")
+        before = [body.hfx.body_models for body in every]
+        try:
+            for body in every:
+                body.hfx.body_models = " ".join(ids)
+                if stored_fits.lacks_models(body):
+                    yield from self.fitting(context, body, bodies.choosing_skin_meshes)
+            counts, names = painting.transfer_areas(context.scene, every)
+        except BaseException:  # Esc closes this generator
+            for body, earlier in zip(every, before, strict=True):
+                body.hfx.body_models = earlier
+            raise
+        for body in every:
+            for model_id in model_mesh.hide(body):
+                modality = load_model(model_id).modality
+                model_mesh.show(context, body, effects.model_id_for(modality, body))
+        if names:
+            text = f"Areas that stay on the earlier models: {named(names)}"
+            self.report({"WARNING"}, translated(text))
+        old, new = (sum(numbers) for numbers in zip((0, 0), *counts, strict=True))
+        moved = f"Moved {len(counts)} painted areas from {old} vertices to {new}"
+        return f"{moved}; body models: {' '.join(ids) or 'default'}"
+
+
 class HFX_OT_show_model(HfxOperator):
     """Show or hide the perceptual model on the avatar, with a colour for each body part"""
 
@@ -282,7 +336,7 @@ class HFX_OT_show_model(HfxOperator):
         from ..avatars import model_mesh
 
         body = active_body(context)
-        model_id = effects.model_id_for(self.model)
+        model_id = effects.model_id_for(self.model, body)
         removed = model_mesh.hide(body)
         select_only(context, body)
         if model_id in removed:

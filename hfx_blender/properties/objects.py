@@ -388,6 +388,11 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         type=HfxAvatarPart,
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
+    body_models: _overridable(
+        StringProperty,
+        "Body Models",
+        "Ids of the perceptual models of this body, separated by spaces. Empty: the shipped ones",
+    )
     follow: _overridable(EnumProperty, "Follow", "Source of the pose of this body", items=FOLLOWS)
     felt_layer: _overridable(
         EnumProperty, "Felt On", "Layer for haptics if clothes cover skin", items=FELT_LAYERS

@@ -44,7 +44,8 @@ FEWEST = 64  # slots of a source without present instances, for particles of lat
 # Properties of bodies and effects that a description holds; animated ones are read at each moment.
 _CONSTANT_PROPERTIES = attrgetter(
     *"role modality kind shape falloff falloff_share temperature_reference model_hash".split(),
-    *"body_name follow is_muted is_group_muted is_solo stiffness damping friction".split(),
+    *"body_name body_models follow is_muted is_group_muted is_solo".split(),
+    *("stiffness", "damping", "friction"),
 )
 
 

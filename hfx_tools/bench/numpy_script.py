@@ -51,7 +51,9 @@ class _Script:
     def __init__(self) -> None:
         self.body = next(o for o in bpy.context.scene.objects if o.hfx.role == "BODY")
         self.volumes = effects.effects_of(bpy.context.scene)
-        self.model_of = {obj.name: effects.model_id_for(obj.hfx.modality) for obj in self.volumes}
+        self.model_of = {
+            obj.name: effects.model_id_for(obj.hfx.modality, None) for obj in self.volumes
+        }
         self.tests = {obj.name: _test_of(obj.hfx) for obj in self.volumes}
         names = [bone.name for bone in self.body.pose.bones]
         models = {model_id: load_model(model_id) for model_id in {*self.model_of.values()}}

@@ -111,7 +111,7 @@ def build(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 def _fingertip() -> F64:
     """Lowest point (3,) of the avatar's fingers in rest space: a level board's first contact."""
-    model = load_model(effects.model_id_for("vibration"))
+    model = load_model(effects.model_id_for("vibration", None))
     fingers = np.flatnonzero(np.asarray(model.part) == PARTS.index("fingers"))
     tip = model.vertices[fingers[np.argmin(model.vertices[fingers, 2])]]
     return np.asarray(tip, np.float64)

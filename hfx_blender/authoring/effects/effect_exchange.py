@@ -14,7 +14,7 @@ import numpy as np
 from ...blender import compat
 from ...blender.scene_info import animation_fps, metres_of
 from ...engine.body import areas
-from ...engine.body.model import load_model
+from ...engine.body.model import PerceptualModel, load_model
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...files import resources
@@ -93,7 +93,7 @@ def place_sensation(
         else:
             assert body is not None
             effect = effects.add_painted(scene, recipe.modality, body, name)
-            painting.set_weights(effect, _painted_weights(recipe))
+            painting.set_weights(effect, _painted_weights(recipe, body))
         for control in MODALITIES[recipe.modality].controls:
             setattr(effect.hfx, control.prop, recipe.parameters[control.name])
         effect.hfx.group, effect.hfx.intensity = group, recipe.intensity
@@ -132,10 +132,10 @@ def _check_recipe(recipe: EffectRecipe, body: bpy.types.Object | None) -> None:
             raise InputError(f"'{recipe.name}': wind is not felt at a point on the skin.")
         paths.skin().on_skin(where.path.points_m)
     if isinstance(where, VertexArea):
-        model = load_model(effects.model_id_for(recipe.modality))
+        model = load_model(effects.model_id_for(recipe.modality, body))
         # Vertex numbers are valid for one edition only, unless that edition can be transferred.
         if (where.model_id, where.model_hash) != (model.id, model.content_hash):
-            if where.model_id == model.id and _transferred(where) is not None:
+            if _transferred(where, model) is not None:
                 return
             raise InputError(
                 f"'{recipe.name}' was painted on another edition of the body model "
@@ -145,21 +145,24 @@ def _check_recipe(recipe: EffectRecipe, body: bpy.types.Object | None) -> None:
         effects.checked_area(recipe.name, list(where.vertices), list(where.weights), len(model))
 
 
-def _transferred(area: VertexArea) -> np.ndarray | None:
-    """Weights (V,) of an area of an earlier edition on the present model; None if unknown."""
+def _transferred(area: VertexArea, model: PerceptualModel) -> np.ndarray | None:
+    """Weights (V,) on ``model`` of an area of an earlier edition or of another set of models; None
+    for an unknown edition, and for a model of another modality."""
+    if not area.model_id.startswith(f"hfx-{model.modality}-"):
+        return None
     return model_migration.transferred_area(
-        area.model_id, area.model_hash, list(area.vertices), list(area.weights)
+        area.model_id, area.model_hash, list(area.vertices), list(area.weights), model
     )
 
 
-def _painted_weights(recipe: EffectRecipe) -> np.ndarray:
-    """Weights (V,) of a checked painted effect on the present model: its vertices, transferred from
-    an earlier edition, or its body parts with a softened edge."""
-    model = load_model(effects.model_id_for(recipe.modality))
+def _painted_weights(recipe: EffectRecipe, body: bpy.types.Object) -> np.ndarray:
+    """Weights (V,) of a checked painted effect on a body's model: its vertices, transferred from
+    another edition or set, or its body parts with a softened edge."""
+    model = load_model(effects.model_id_for(recipe.modality, body))
     where = recipe.where
     if isinstance(where, VertexArea):
         if where.model_hash != model.content_hash:
-            transferred = _transferred(where)
+            transferred = _transferred(where, model)
             assert transferred is not None  # checked
             return transferred
         weights = np.zeros(len(model))

@@ -123,7 +123,7 @@ def set_group(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object], name:
 
 def move_to_body(objects: Iterable[bpy.types.Object], body: bpy.types.Object) -> int:
     """Assign effects to another body; return the number of changed effects. Areas and paths stay
-    valid, as all bodies share the canonical models. Volumes and surfaces are skipped."""
+    valid between bodies with the same set of models. Volumes and surfaces are skipped."""
     moved = [obj for obj in objects if obj.hfx.kind in ON_A_BODY and obj.hfx.body != body]
     for effect in moved:
         effect.hfx.body = body
@@ -162,16 +162,31 @@ def is_muted(effect: bpy.types.Object) -> bool:
     return bool(effect.hfx.is_muted or effect.hfx.is_group_muted)
 
 
-def model_id_for(modality: str) -> str:
-    """Id of a modality's perceptual model."""
-    return f"hfx-{MODALITIES[modality].model}-1"
+def model_id_for(modality: str, body: bpy.types.Object | None) -> str:
+    """Id of a modality's perceptual model in the set of a body; without a body, or if the set has
+    no such model, of the shipped model."""
+    shipped = f"hfx-{MODALITIES[modality].model}-1"
+    ids = () if body is None else body.hfx.body_models.split()
+    return next((own for own in ids if own.startswith(f"{shipped}-")), shipped)
+
+
+def model_id_of(effect: bpy.types.Object) -> str:
+    """Id of the perceptual model of an effect's present modality, in the set of its body."""
+    return model_id_for(effect.hfx.modality, body_of(effect))
+
+
+def body_of(effect: bpy.types.Object) -> bpy.types.Object | None:
+    """Body of an effect; for no body or a linked one, the body in the open scene, or None."""
+    body = effect.hfx.body
+    is_local = body is not None and body.library is None  # a linked body may have an override
+    return body if is_local else body_in(bpy.context.scene, effect)
 
 
 def model_of(effect: bpy.types.Object) -> PerceptualModel:
     """Perceptual model of the effect's present modality, not of its stored area."""
     from ...engine.body.model import load_model  # not needed at Blender's start
 
-    return load_model(model_id_for(effect.hfx.modality))
+    return load_model(model_id_of(effect))
 
 
 def add_volume(
@@ -325,9 +340,10 @@ def area(effect: bpy.types.Object) -> tuple[list[int], list[float]]:
 
 
 def has_other_area(effect: bpy.types.Object) -> bool:
-    """Test for an area painted on the perceptual model of another modality."""
-    is_other = effect.hfx.model_id != model_id_for(effect.hfx.modality)
-    return effect.hfx.kind == "PAINTED" and is_other and bool(area(effect)[0])
+    """Test for an area painted on a perceptual model of another modality or set."""
+    if effect.hfx.kind != "PAINTED" or effect.hfx.model_id == model_id_of(effect):
+        return False
+    return bool(area(effect)[0])
 
 
 def _stored(effect: bpy.types.Object, key: str, kind: type) -> list[Any]:

@@ -51,7 +51,7 @@ def import_hjif(
     if format_of(path).id == "hjif":
         document, tolerated = hjif_reader.decode(read_bytes(path), str(path))
         channels = [_with_ticks(envelope) for envelope in envelopes(document, str(path))]
-        own_models, notes = _own_models(document, path.parent), list(tolerated)
+        own_models, notes = _own_models(document, path.parent, body), list(tolerated)
     else:
         signals, _ = read_signals(path)
         channels = []
@@ -73,7 +73,7 @@ def import_hjif(
             # A channel without a body part is not refused, the whole body is assumed.
             if not envelope.body_part_mask and not envelope.vertices:
                 notes.append(f"'{name}' names no body part: it is on the whole body")
-            is_own = effects.model_id_for(modality) in own_models
+            is_own = effects.model_id_for(modality, body) in own_models
             created += _add_effects(scene, envelope, modality, body, frame, is_own)
     return created, left_out, notes
 
@@ -111,9 +111,9 @@ def with_pulses(signal: Signal) -> Signal:
     return simplified
 
 
-def _own_models(document: dict[str, Any], folder: Path) -> set[str]:
-    """Ids of perceptual models equal by hash to a GLB mesh that the avatars of ``document`` name by
-    a file in ``folder``; unreadable meshes count as different."""
+def _own_models(document: dict[str, Any], folder: Path, body: bpy.types.Object) -> set[str]:
+    """Ids of a body's perceptual models equal by hash to a GLB mesh that the avatars of
+    ``document`` name by a file in ``folder``; unreadable meshes count as different."""
     model_ids = set()
     for avatar in document["avatars"]:
         # Only a file next to the HJIF file is opened, never another path.
@@ -124,7 +124,8 @@ def _own_models(document: dict[str, Any], folder: Path) -> set[str]:
             hashes = glb.model_hashes(read_bytes(folder / file), str(folder / file))
         except InputError:
             continue
-        for model_id in {effects.model_id_for(name) for name in MODALITIES} & hashes.keys():
+        own = {effects.model_id_for(name, body) for name in MODALITIES}
+        for model_id in own & hashes.keys():
             if hashes[model_id] == load_model(model_id).content_hash:
                 model_ids.add(model_id)
     return model_ids
@@ -142,7 +143,7 @@ def _add_effects(
     effect, of a temperature up to two: warmth and cold. A clip from ``frame`` on holds the envelope
     and a varying frequency. ``is_own``: HFX wrote the file, so its vertices are those of a
     model."""
-    model = load_model(effects.model_id_for(modality))
+    model = load_model(effects.model_id_for(modality, body))
     if is_own and envelope.vertices:
         vertices = sorted({vertex for vertex in envelope.vertices if 0 <= vertex < len(model)})
     else:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from ...engine.arrays import F64
+    from ...engine.body.model import PerceptualModel
 
 
 FILE: Final = "earlier-editions.npz"
@@ -65,22 +66,29 @@ def known_editions() -> frozenset[str]:
 
 
 def transferred_area(
-    model_id: str, content_hash: str, vertices: list[int], weights: list[float]
+    model_id: str,
+    content_hash: str,
+    vertices: list[int],
+    weights: list[float],
+    target: PerceptualModel,
 ) -> F64 | None:
-    """Weights (V,) of an earlier edition's area on the present model; None for an unknown edition.
-    Raises InputError: the area does not fit that edition."""
+    """Weights (V,) on ``target`` of an area of an earlier edition, or of an installed model; None
+    for an unknown edition. Raises InputError: the area does not fit that edition."""
     import numpy as np
 
-    from ...engine.body import areas
+    from ...engine.body import areas, model_library
     from ...engine.body.model import load_model
 
-    earlier = load(model_id, content_hash)
+    earlier: EarlierModel | PerceptualModel | None = load(model_id, content_hash)
+    installed = (*model_library.shipped(), *model_library.installed()[0])
+    if earlier is None and (model_id, content_hash) in ((m.id, m.content_hash) for m in installed):
+        earlier = load_model(model_id)
     if earlier is None:
         return None
     ids, values = effects.checked_area("?", vertices, weights, len(earlier.vertices))
     painted = np.zeros(len(earlier.vertices))
     painted[ids] = values
-    return areas.transferred(earlier, painted, load_model(model_id))
+    return areas.transferred(earlier, painted, target)
 
 
 def missing_scipy_reason(model_id: str, content_hash: str) -> str:
@@ -99,11 +107,15 @@ def update_all() -> list[str]:
         if hfx.role != "EFFECT" or f"{hfx.model_id}.{hfx.model_hash}" not in known_editions():
             continue
         try:
-            weights = transferred_area(hfx.model_id, hfx.model_hash, *effects.area(effect))
+            # An area on another model than the effect's is left unchanged.
+            model = effects.model_of(effect)
+            if model.id != hfx.model_id:
+                continue
+            stored = effects.area(effect)
+            weights = transferred_area(hfx.model_id, hfx.model_hash, *stored, model)
         except (HfxError, ModuleNotFoundError, TypeError):  # an export reports the fault
             continue
-        # An area on another modality's model is left unchanged.
-        if weights is not None and effects.model_id_for(hfx.modality) == hfx.model_id:
+        if weights is not None:
             effects.store_weights(effect, weights)
             names.append(effect.name)
     return names

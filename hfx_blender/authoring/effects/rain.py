@@ -55,7 +55,7 @@ def add_rain(
             "are 1 to 5000."
         )
     remove(body, name)
-    model = load_model(effects.model_id_for("vibration"))
+    model = load_model(effects.model_id_for("vibration", body))
     generator = random.Random(seed)
     remaining = _draw_vertices(model, min(count, MAX_PLACES), generator)
     # Each position is followed by the nearest remaining one: short jumps keep the path, and so its

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -109,6 +110,18 @@ def installed() -> tuple[list[Entry], list[str]]:
                     f"({entry.content_hash[:12]}...). Remove one."
                 )
     return entries, faults
+
+
+def model_sets() -> dict[str, tuple[str, ...]]:
+    """Sorted model ids of the user's sets by folder name, sorted; without unreadable sets, and
+    without variants, whose vertex ids are those of the canonical models."""
+    sets = {}
+    for path in sorted(resources.user_body_models().glob(f"*/{MANIFEST_FILE}")):
+        with suppress(InputError):  # told by :func:`installed`
+            index = read_manifest(path.parent)
+            if "avatar" not in index:
+                sets[path.parent.name] = tuple(sorted(index["models"]))
+    return sets
 
 
 def people() -> list[Entry]:

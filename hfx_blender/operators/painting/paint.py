@@ -32,7 +32,6 @@ from . import paint_view
 
 if TYPE_CHECKING:
     from ...engine.arrays import F64
-    from ...engine.body.model import PerceptualModel
 
 BLENDS = (
     ("replace", "Replace", "The new area only"),
@@ -60,13 +59,6 @@ class _PaintedOperator(HfxOperator):
 
 def _covers(effect: bpy.types.Object, count: int) -> str:
     return f"'{effect.name}' covers {count} vertices"
-
-
-def _model(effect: bpy.types.Object) -> PerceptualModel:
-    """Perceptual model of the effect's modality, shared and not to be changed."""
-    from ...engine.body.model import load_model
-
-    return load_model(effects.model_id_for(effect.hfx.modality))
 
 
 class HFX_OT_paint_begin(_PaintedOperator):
@@ -180,7 +172,7 @@ class HFX_OT_fill_part(_PaintedOperator):
         """Set part and side from a vertex of the model."""
         from ...engine.body.regions import region_at
 
-        model = _model(painted_effect(bpy.context))
+        model = effects.model_of(painted_effect(bpy.context))
         side = SIDES[model.side[vertex]]
         self.part = region_at(model, vertex).id
         self.side = "both" if is_mirrored or side == "centre" else side
@@ -297,7 +289,7 @@ class HFX_OT_area_filter(_PaintedOperator):
         from ...engine.body import areas
 
         effect = painted_effect(context)
-        model = _model(effect)
+        model = effects.model_of(effect)
         if self.action == "clear":  # also unreadable areas
             return _covers(effect, painting.set_weights(effect, np.zeros(len(model))))
         weights = painting.weights_of(effect)
@@ -328,7 +320,7 @@ class HFX_OT_area_mirror(_PaintedOperator):
         from ...engine.body import areas
 
         effect = painted_effect(context)
-        model, weights = _model(effect), painting.weights_of(effect)
+        model, weights = effects.model_of(effect), painting.weights_of(effect)
         if self.action == "flip":
             weights = areas.mirrored(model, weights)
         else:
@@ -440,13 +432,13 @@ class HFX_OT_area_copy(_PaintedOperator):
         weights = painting.weights_of(source)
         for effect in others:
             # Effects of another modality have a model with other vertices.
-            there = areas.transferred(_model(source), weights, _model(effect))
+            there = areas.transferred(effects.model_of(source), weights, effects.model_of(effect))
             _blend(effect, there, self.blend)
         return f"Copied the area of '{source.name}' to {len(others)} effects"
 
 
 class HFX_OT_area_keep(_PaintedOperator):
-    """Transfer the painted area to the modality of the effect"""
+    """Transfer the painted area to the present model of the effect"""
 
     bl_label = "Keep Painted Area"
     requires = (
@@ -454,7 +446,7 @@ class HFX_OT_area_keep(_PaintedOperator):
             lambda context: (
                 painted_effect(context) and effects.has_other_area(painted_effect(context))
             ),
-            "The area was painted for this modality",
+            "The area was painted for this model",
         ),
         IS_EDITABLE,
         _IS_AREA_LOCAL,
@@ -478,5 +470,7 @@ class HFX_OT_effect_mirrored(_PaintedOperator):
         if painting.canvas_of(effect) is not None:
             raise InputError("Finish painting first.")
         copy = effects.duplicate(effect)
-        painting.set_weights(copy, areas.mirrored(_model(effect), painting.weights_of(effect)))
+        painting.set_weights(
+            copy, areas.mirrored(effects.model_of(effect), painting.weights_of(effect))
+        )
         return f"Added '{copy.name}'"

@@ -339,11 +339,9 @@ def vertex_under(
 
 def part_name(canvas: bpy.types.Object, vertex: int) -> str:
     """Body part of a vertex, such as "Calves (left)"; empty for an unknown vertex."""
-    from ...engine.body.model import load_model
     from ...engine.body.regions import region_at
 
-    effect = canvas[painting.PAINTED_EFFECT]
-    model = load_model(effects.model_id_for(effect.hfx.modality))
+    model = effects.model_of(canvas[painting.PAINTED_EFFECT])
     if vertex >= len(model):
         return ""
     region, side = region_at(model, vertex), int(model.side[vertex])

@@ -287,7 +287,7 @@ def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
     radii = np.full(count, LARGEST_M)
     in_room = np.zeros(count, np.bool_)
     for k, actuator in enumerate(device.actuators):
-        model_id = effects.model_id_for(actuator.type.modality)
+        model_id = effects.model_id_for(actuator.type.modality, body)
         canonical[k], radius, in_room[k] = _canonical_place(actuator.place, model_id, avatar)
         radii[k] = min(max(radius, SMALLEST_M), LARGEST_M)
     # Discs in the room stand side by side along X, 0.12 m apart and centred.
@@ -298,7 +298,7 @@ def places_of(body: bpy.types.Object, device: DeviceConfig) -> ActuatorPlaces:
     rest = np.zeros((count, 3))
     for modality in device.modalities:
         mine = [k for k, a in enumerate(device.actuators) if a.type.modality == modality]
-        rest[mine] = _bound_places(body, effects.model_id_for(modality), canonical[mine])
+        rest[mine] = _bound_places(body, effects.model_id_for(modality, body), canonical[mine])
     mesh, vertex = _nearest_on_avatar(body, rest)
     mesh[in_room] = vertex[in_room] = -1
     return ActuatorPlaces(mesh, vertex, radii, rest)

@@ -197,6 +197,12 @@ def _find_bodies(
     sound, faults = soundness.without_faulty(bodies, check)
     if not sound:
         raise _refusal(faults.values())
+    if len({body.hfx.body_models for body in sound}) > 1:
+        raise InputError(
+            f"Scene '{scene.name}': its bodies have different sets of body models, and an effect "
+            "is felt on one model by all bodies: choose a set in Body Models, in the panel Haptic "
+            "Body."
+        )
     warnings = tuple(text for texts in sound.values() for text in texts)
     return list(sound), warnings, soundness.left_out(faults)
 
@@ -365,7 +371,7 @@ def _describe_effect(
         id=ids[effect.name_full],
         name=effect.name,
         modality=hfx.modality,
-        model_id=effects.model_id_for(hfx.modality),
+        model_id=effects.model_id_for(hfx.modality, haptics.bodies[0]),
         area=area,
         is_contact=hfx.temperature_reference == "CONTACT",
         clips=played_clips(haptics.scene, state),
@@ -401,12 +407,12 @@ def _painted_area(
     if len(vertices) == len(weights):  # the warning comes from soundness
         sound = [k for k, weight in enumerate(weights) if 0.0 <= weight <= 1.0]
         vertices, weights = [vertices[k] for k in sound], [weights[k] for k in sound]
-    model_id = effects.model_id_for(hfx.modality)
+    model_id = effects.model_id_for(hfx.modality, body)
     if hfx.model_id != model_id:
         raise InputError(
             f"Effect '{effect.name}' has no area on the {hfx.modality} model: expected "
             f"'{model_id}', found '{hfx.model_id or 'nothing painted'}'. Paint it, or keep what "
-            "was painted for another modality (Keep Painted Area)."
+            "was painted on the other model (Keep Painted Area)."
         )
     # Vertex numbers are valid for one edition of a model only.
     model = load_model(model_id)

@@ -145,7 +145,7 @@ class Sources:
             id=self._ids[name],
             name=self._names[name],
             modality=hfx.modality,
-            model_id=effects.model_id_for(hfx.modality),
+            model_id=effects.model_id_for(hfx.modality, self._found.bodies[0]),
             area=response_values.volume_of(source),
             is_contact=hfx.temperature_reference == "CONTACT",
             clips=scene_description.played_clips(self._found.scene, self.states[name]),

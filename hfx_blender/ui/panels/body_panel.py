@@ -12,6 +12,7 @@ from ...authoring.effects import effects
 from ...avatars import avatar_meshes
 from ...blender import early_imports
 from ...blender.translation import translated
+from ...engine.body.model_library import model_sets
 from ...engine.body.parts import REGIONS
 from ...errors import InputError
 from ...operators.shared import active_armature
@@ -183,6 +184,11 @@ class HFX_PT_body(HfxPanel, bpy.types.Panel):
         else:
             layout.operator("hfx.mark_body", text="Choose Other Meshes", icon="FILE_REFRESH")
         layout.operator_menu_enum("hfx.show_model", "model", icon="HIDE_OFF")
+        sets, ids = model_sets(), body.hfx.body_models
+        if sets or ids:
+            names = {"": "Default", **{" ".join(own): name for name, own in sets.items()}}
+            text = translated(f"Body Models: {names.get(ids, ids)}")
+            layout.operator_menu_enum("hfx.use_models", "models", text=text, icon="MESH_ICOSPHERE")
 
 
 def how_followed(body: bpy.types.Object) -> str:

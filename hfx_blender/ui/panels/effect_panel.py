@@ -251,7 +251,7 @@ class HFX_PT_area(HfxPanel, bpy.types.Panel):
         if canvas is None and effects.has_other_area(effect):
             column = layout.column()
             column.alert = True
-            draw_text(context, column, "Painted for another modality: not felt", "ERROR")
+            draw_text(context, column, "Painted for another model: not felt", "ERROR")
             layout.operator("hfx.area_keep", icon="FORWARD")
         row = layout.row(align=True)
         row.scale_y = 1.3

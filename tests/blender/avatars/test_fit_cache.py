@@ -50,7 +50,7 @@ def test_an_avatar_in_another_file_is_not_fitted_anew(
 
 
 def _as_stored(rig: Any) -> list[Any]:
-    models = [stored_fits.fitted_model(rig, model_id) for model_id in stored_fits.model_ids()]
+    models = [stored_fits.fitted_model(rig, model_id) for model_id in stored_fits.model_ids(rig)]
     arrays = [
         np.ravel(array) for model in models for array in stored_fits.arrays_of(model).values()
     ]

@@ -30,7 +30,7 @@ def effect(scene: Any) -> Any:
 
 
 def model_of(effect: Any) -> Any:
-    return load_model(effects.model_id_for(effect.hfx.modality))
+    return effects.model_of(effect)
 
 
 def painted(effect: Any) -> set[int]:

@@ -178,7 +178,7 @@ def test_the_list_shows_a_region_and_searches_all(anna: tuple[Any, Any]) -> None
 def test_the_quality_of_the_fit_is_kept_and_shown(anna: tuple[Any, Any]) -> None:
     rig, _ = anna
     qualities = stored_fits.quality_of(rig)
-    assert [quality.model_id for quality in qualities] == stored_fits.model_ids()
+    assert [quality.model_id for quality in qualities] == stored_fits.model_ids(rig)
     assert all(len(quality.parts) == 11 and quality.sides > 0.95 for quality in qualities)
     shown = drawn(body_panel.HFX_PT_fit)
     assert {"Head", "Trunk", "Soles with Toes"} <= set(shown)

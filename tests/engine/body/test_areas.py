@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -104,3 +106,19 @@ def test_an_image_is_read_between_its_pixels_by_hand():
     # The last column repeats into the first: half way over the edge is half of both.
     assert areas.from_image(pixels, uv) == pytest.approx([0.0, 1.0, 0.5, 0.25, 0.0, 0.0])
     assert areas.from_image(pixels, np.array([[1.0, 0.25]])) == pytest.approx([0.5])
+
+
+def test_cells_of_a_small_model_by_hand():
+    # Six vertices on a line, of areas 1, 1, 2, 1, 1, 1; the coarse model has one at 1 m and 11 m.
+    fine = replace(
+        MODEL,
+        vertices=np.array([(x, 0, 0) for x in (0, 1, 2, 10, 11, 12)], np.float32),
+        part=np.zeros(6, MODEL.part.dtype),
+        areas_m2=np.array([1, 1, 2, 1, 1, 1], np.float32),
+    )
+    coarse = replace(fine, vertices=fine.vertices[[1, 4]], part=fine.part[:2])
+    moved = areas.transferred(fine, np.array([1.0, 0.0, 0.5, 0.0, 0.0, 0.0]), coarse)
+    assert moved == pytest.approx([(1 * 1 + 1 * 0 + 2 * 0.5) / 4, 0.0])
+    # One painted vertex of three at 11 m: a third of the cell, and nothing at 1 m.
+    moved = areas.transferred(fine, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.9]), coarse)
+    assert moved == pytest.approx([0.0, 0.3])
