@@ -19,6 +19,7 @@ from ..engine.body.model import load_model
 from ..engine.counters import Counters, ReadingCounters
 from ..engine.evaluate import Engine
 from ..engine.overlapping import overlapped, sequentially
+from ..engine.rendering.conditioning.feel import Feel
 from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.render import renderers_of
 from ..engine.rendering.renderer import Renderer
@@ -186,6 +187,7 @@ def record_track(
             models = {e.model_id: load_model(e.model_id) for e in description.effects}
             header = TrackHeader.of(description, models, settings=settings, tools=tools)
             renderers = renderers_of(header, devices)
+            is_equal = Feel.of_settings(header.settings).is_equal
             with TrackWriter(path, header, full_precision=full_precision) as writer:
                 single = ([pair] for pair in own_blocks(evaluated))
                 for chunk in _chunks(own_blocks(evaluated)) if renderers else single:
@@ -195,7 +197,7 @@ def record_track(
                     for _, renderer in renderers:
                         renderer.add(runs)
                     if times is not None:
-                        times.add_runs(runs, touching)
+                        times.add_runs(runs, touching, is_equal=is_equal)
                         for block, _ in chunk:
                             times.add_levels(effects, block)
                         times.touched |= dict.fromkeys(engine.touched, True)

@@ -104,7 +104,8 @@ def _blend(path: Path) -> dict[str, Any]:
                         "modality": effect.hfx.modality,
                         "kind": effect.hfx.kind.lower(),
                         "clips": len(activation_of(effect).clips),
-                        "above_threshold": level_text(effect) or "no published threshold",
+                        "above_threshold": level_text(effect, is_equal=scene.hfx.equal_feel)
+                        or _without_level(effect),
                         **_where(effect),
                     }
                     for effect in effects_of(scene)
@@ -114,6 +115,14 @@ def _blend(path: Path) -> dict[str, Any]:
             for scene in bpy.data.scenes
         ],
     }
+
+
+def _without_level(effect: Any) -> str:
+    """Reason of an effect without a level in dB SL."""
+    from hfx_blender.engine.body.detection import threshold
+
+    has_threshold = (threshold(effect.hfx.modality) > 0.0).any()
+    return "silent (strength 0)" if has_threshold else "no published threshold"
 
 
 def _where(effect: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Bool
-from ..body.detection import REFERENCE_HZ, level_db, threshold
+from ..body.detection import REFERENCE_HZ, equal_feel_factors, level_db, threshold
 from ..body.model import load_model
 from ..body.parts import PARTS
 from ..modality import MODALITIES, neutral_temperature_c
@@ -61,9 +61,12 @@ class FeltTimes:
             else:
                 self.no_number[effect.id] = "a place" if is_finite.any() else "a value"
 
-    def add_runs(self, runs: Iterable[SampleRun], touching: Collection[str]) -> None:
+    def add_runs(
+        self, runs: Iterable[SampleRun], touching: Collection[str], *, is_equal: bool = False
+    ) -> None:
         """Add samples with strength to ``felt`` by effect and body; runs of a stream must be in the
-        order of time. ``touching`` has the ids of temperature effects of touched objects."""
+        order of time. ``touching`` has the ids of temperature effects of touched objects.
+        ``is_equal``: the largest dB SL is that with Equal Feel."""
         for run in runs:
             stream = run.stream
             indices = run.indices[has_strength(run, stream.effect_id in touching)]
@@ -71,7 +74,8 @@ class FeltTimes:
                 span = [len(indices), int(indices[0]), int(indices[-1])]
                 self._count(stream.effect_id, stream.body_id, span)
                 if self.strongest_db.get(stream.effect_id, -np.inf) < 0.0:
-                    self._raise(stream.effect_id, strongest_db(run, stream.effect_id in touching))
+                    is_contact = stream.effect_id in touching
+                    self._raise(stream.effect_id, strongest_db(run, is_contact, is_equal))
 
     def _raise(self, effect_id: str, level_db: float) -> None:
         """Raise the largest level of an effect; NaN, of a modality without thresholds, is none."""
@@ -97,9 +101,10 @@ class FeltTimes:
         spans[body_id] = [count + span[0], min(first, span[1]), max(last, span[2])]
 
 
-def strongest_db(run: SampleRun, is_contact: bool) -> float:
+def strongest_db(run: SampleRun, is_contact: bool, is_equal: bool = False) -> float:
     """Largest level of a run, dB SL, over its samples and all body parts; NaN for a modality
-    without thresholds and for a run without vertices, -inf in silence."""
+    without thresholds and for a run without vertices, -inf in silence. ``is_equal``: with the
+    factors of Equal Feel at the run's own frequencies."""
     modality, strengths = run.stream.modality, run.parameters[:, 0]
     if modality == "temperature":
         strengths = np.abs(strengths - neutral_temperature_c(is_contact))
@@ -110,7 +115,10 @@ def strongest_db(run: SampleRun, is_contact: bool) -> float:
     np.maximum.at(weights, (sets, part_of[run.vertices]), run.weights)
     hz = run.parameters[:, 1] if modality == "vibration" else np.full(len(run), REFERENCE_HZ)
     felt = (run.levels * strengths)[:, None] * weights[run.set_of]
-    levels = level_db(felt, threshold(modality, hz))
+    thresholds = threshold(modality, hz)
+    if is_equal:
+        felt *= equal_feel_factors(modality, thresholds)
+    levels = level_db(felt, thresholds)
     return float(levels.max()) if len(run.vertices) else np.nan
 
 

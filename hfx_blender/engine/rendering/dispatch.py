@@ -13,7 +13,7 @@ import numpy as np
 
 from ...text import counted
 from ..arrays import F64, I64, Bool
-from ..body.detection import REFERENCE_HZ, equal_feel_factors
+from ..body.detection import equal_feel_factors, threshold
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
 from ..modality import MODALITIES
@@ -21,8 +21,9 @@ from ..samples import SampleRun
 from ..track.header import TrackHeader
 from .actuator_vertices import on_parts
 from .conditioning.actuator_limits import rounded
+from .conditioning.frequency import TONE_PAIR_HZ, tone_pair_shares
 from .coverage import ActuatorCells
-from .device_config import DeviceConfig, RoomPlace
+from .device_config import ActuatorType, DeviceConfig, RoomPlace
 from .room import PlaySpace, has_place, room_gains
 from .schemes import FocusPanning, cells_of, panned_layout, unpanned
 
@@ -111,19 +112,19 @@ class ActuatorGroup:
 
     def equal_gains(self, run: SampleRun) -> F64:
         """Gains (n, A) for equal dB SL at the body part that most vertices of each actuator belong
-        to; unchanged for driven actuators and substituted modalities."""
+        to, at the frequency that the actuator plays; unchanged for driven actuators and substituted
+        modalities."""
         gains = self.gains(run)
         if run.drive is not None or run.stream.modality != self.modality:
             return gains
         part_of = self._models(run.stream.model_id).part
         rows = self.cells_on(run.stream.model_id).rows
         parts = [np.bincount(part_of[row], minlength=len(PARTS)).argmax() for row in rows]
-        hz = (
-            run.parameters[:, 1]
-            if self.modality == "vibration"
-            else np.full(len(run), REFERENCE_HZ)
-        )
-        return gains * equal_feel_factors(self.modality, hz)[:, parts]
+        # Computed once for each type: actuators of a type play the same frequencies.
+        kinds = [actuator.type for actuator in self._actuators]
+        thresholds = {kind: _played_thresholds(kind, run) for kind in dict.fromkeys(kinds)}
+        of_each = [thresholds[kind][:, part] for kind, part in zip(kinds, parts, strict=True)]
+        return gains * equal_feel_factors(self.modality, np.stack(of_each, axis=1))
 
     def personal_factors(self, strengths: F64) -> F64:
         """Factors (R, A) of strengths (R, A) from 0 by the marks of a person; 1 without marks.
@@ -166,20 +167,20 @@ class ActuatorGroup:
         return self._focus[model_id]
 
     def is_faint(self, run: SampleRun, gains: F64) -> Bool:
-        """Mask (n,) of samples driving actuators, by gains (n, A), only below detection thresholds.
+        """Mask (n,) of samples driving actuators, by gains (n, A), only below detection thresholds,
+        at the frequencies that the actuators play.
 
         Actuators without thresholds count as felt. All False unless effect and actuators vibrate.
         """
-        if self.modality != "vibration" or run.stream.modality != "vibration":
-            return np.zeros(len(run), np.bool_)
-        if not any(a.type.thresholds for a in self._actuators):
+        is_vibration = self.modality == run.stream.modality == "vibration"
+        if not is_vibration or not any(a.type.thresholds for a in self._actuators):
             return np.zeros(len(run), np.bool_)
         # In the unit of the effect: the caller has multiplied the gains by the device's gain.
         amplitudes = gains * (run.levels * run.parameters[:, 0])[:, None]
         hz = run.parameters[:, 1]
         thresholds = np.stack(
             [
-                np.interp(hz, *np.array(a.type.thresholds).T)
+                np.interp(_played_hz(a.type, hz), *np.array(a.type.thresholds).T)
                 if a.type.thresholds
                 else np.zeros(len(run))
                 for a in self._actuators
@@ -199,6 +200,29 @@ class ActuatorGroup:
         is_outside = frequencies < np.array([control.lowest for control in controls])
         is_outside |= frequencies > np.array([control.highest for control in controls])
         return np.asarray((fires & is_outside).any(axis=1))
+
+
+def _played_hz(kind: ActuatorType, hz: F64) -> F64:
+    """Frequencies (n,) of a vibration actuator for effects of ``hz`` (n,): within its limits, and
+    without a waveform also rounded to its allowed values."""
+    control = kind.controls[1]
+    played = np.clip(hz, control.lowest, control.highest)
+    if not kind.takes_waveform:
+        played = rounded(np.stack([np.zeros_like(played), played], axis=1), kind)[:, 1]
+    return played
+
+
+def _played_thresholds(kind: ActuatorType, run: SampleRun) -> F64:
+    """Detection thresholds (n, parts) of skin for a run's samples played by an actuator type of
+    the run's modality. Of a pair of tones the tone that is detected first counts."""
+    modality = run.stream.modality
+    if modality != "vibration":
+        return np.broadcast_to(threshold(modality), (len(run), len(PARTS)))
+    hz = run.parameters[:, 1]
+    if not kind.is_tone_pair:
+        return threshold(modality, _played_hz(kind, hz))
+    tones = threshold(modality, _played_hz(kind, np.array([*TONE_PAIR_HZ.values()])))
+    return np.asarray(1.0 / (tone_pair_shares(hz)[..., None] / tones[:, None]).max(axis=0))
 
 
 class MissingActuators:

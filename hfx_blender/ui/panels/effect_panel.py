@@ -79,7 +79,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             draw_with_unit(layout, hfx, control.prop, f"{translated(label)} ({control.symbol})")
         if hfx.modality == "temperature":
             layout.prop(hfx, "temperature_reference")
-        _draw_level(layout, effect)
+        _draw_level(layout, effect, is_equal=context.scene.hfx.equal_feel)
         if hfx.kind == "VOLUME":
             if hfx.shape != "MESH":
                 layout.prop(hfx, "shape")
@@ -97,13 +97,13 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
                 draw_moving(context, layout, "ACTIVE")
 
 
-def _draw_level(layout: bpy.types.UILayout, effect: bpy.types.Object) -> None:
+def _draw_level(layout: bpy.types.UILayout, effect: bpy.types.Object, *, is_equal: bool) -> None:
     """Draw the strength in dB SL; a warning below the detection threshold everywhere."""
     try:
         # On use: it loads numpy, and Blender's start does not wait for it.
         from ...authoring.effects.sensation_levels import level_text
 
-        text = level_text(effect).removesuffix(" SL")
+        text = level_text(effect, is_equal=is_equal).removesuffix(" SL")
     except InputError:
         return  # the panel of the area states the fault
     if text:

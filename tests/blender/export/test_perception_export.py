@@ -55,6 +55,16 @@ def test_nothing_is_said_above_the_threshold(scene: Any, tmp_path: Path) -> None
     assert notes_of(scene, tmp_path) == []
 
 
+def test_the_threshold_counts_after_equal_feel(scene: Any, tmp_path: Path) -> None:
+    scene.hfx.equal_feel = True
+    # 1 m/s^2 is as far below 9.82, the torso's threshold, on the palms as on the torso.
+    (note,) = notes_of(scene, tmp_path)
+    assert note.endswith(": 2 (Back, Palms)")
+    assert level_text(bpy.data.objects["Palms"], is_equal=True) == "-20 dB SL"
+    bpy.data.objects["Palms"].hfx.amplitude = bpy.data.objects["Back"].hfx.amplitude = 10.0
+    assert notes_of(scene, tmp_path) == []
+
+
 def test_levels_of_effects_are_those_of_their_parts(scene: Any, tmp_path: Path) -> None:
     # 20 log10(1 / 0.2010) = 13.9; torso 33.8 dB less.
     assert level_text(bpy.data.objects["Palms"]) == "14 dB SL"
@@ -71,6 +81,23 @@ def test_info_states_levels(scene: Any, tmp_path: Path, capfd: Any) -> None:
     (facts,) = json.loads(out[out.index("\n{") :])["scenes"]
     levels = {effect["effect"]: effect["above_threshold"] for effect in facts["effects"]}
     assert levels == {"Palms": "14 dB SL", "Back": "-20 dB SL", "Touch": "12 dB SL"}
+
+
+def test_info_tells_silence_from_a_modality_without_thresholds(
+    scene: Any, tmp_path: Path, capfd: Any
+) -> None:
+    bpy.data.objects["Palms"].hfx.intensity = 0.0
+    bpy.data.objects["Touch"].hfx.modality = "wind"
+    scene.hfx.equal_feel = True
+    bpy.data.objects["Back"].hfx.frequency = 50.0
+    assert cli.run(["info", str(save(tmp_path / "x.blend")), "--json"]) == 0
+    out = capfd.readouterr().out
+    (facts,) = json.loads(out[out.index("\n{") :])["scenes"]
+    assert {effect["effect"]: effect["above_threshold"] for effect in facts["effects"]} == {
+        "Palms": "silent (strength 0)",
+        "Back": "-20 dB SL",  # without Equal Feel 12 dB more
+        "Touch": "no published threshold",
+    }
 
 
 def values_of(scene: Any, folder: Path) -> tuple[np.ndarray, dict[str, Any]]:

@@ -84,10 +84,13 @@ def test_levels_by_hand():
 
 def test_equal_feel_has_one_level_everywhere():
     hz = np.array([30.0, 100.0, 250.0, 400.0])
-    strengths = 7.0 * detection.equal_feel_factors("vibration", hz)
-    levels = detection.level_db(strengths, detection.threshold("vibration", hz))
-    assert np.ptp(levels) < 1e-9
+    thresholds = detection.threshold("vibration", hz)
+    strengths = 7.0 * detection.equal_feel_factors("vibration", thresholds)
+    levels = detection.level_db(strengths, thresholds)
+    assert np.ptp(levels[:3]) < 1e-9
+    # At 400 Hz the torso needs 184 m/s^2, 19 times as much as at 100 Hz: raised by 12 dB at most.
+    assert strengths[3, TORSO] == 28.0
     # The reference is the least sensitive part at 100 Hz: its strength stays.
     assert strengths[1].max() == pytest.approx(7.0)
     assert strengths[1, TORSO] == pytest.approx(7.0)
-    assert (detection.equal_feel_factors("wind", hz) == 1.0).all()
+    assert (detection.equal_feel_factors("wind", detection.threshold("wind", hz)) == 1.0).all()

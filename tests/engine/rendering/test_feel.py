@@ -55,6 +55,66 @@ def test_equal_feel_evens_frequencies():
     assert felt == pytest.approx(10.0 * per_hz[0] / per_hz[1], rel=2e-3)
 
 
+def vibrating(low_hz, high_hz, values=(), **fields):
+    """Device with actuators of a range of frequencies."""
+    device = device_of()
+    kind = device.actuators[0].type
+    strength, frequency = kind.controls
+    frequency = replace(frequency, lowest=low_hz, highest=high_hz, values=values)
+    kind = replace(kind, controls=(strength, frequency), **fields)
+    return replace(device, actuators=tuple(replace(a, type=kind) for a in device.actuators))
+
+
+@pytest.mark.parametrize(
+    ("device", "hz", "torso_db", "palm_db", "played_hz"),
+    # The torso's dB above a finger, and the palm's curve by logarithm of the frequency: 10 dB at
+    # 40 Hz, -17.9 at 200 Hz, -20 at 250 Hz.
+    [
+        (vibrating(150.0, 150.0), 500.0, 32.0, -12.91, 150.0),
+        (vibrating(50.0, 250.0), 500.0, 34.3, -20.0, 250.0),
+        (vibrating(75.0, 250.0), 30.0, 28.1, -0.90, 75.0),
+        (vibrating(75.0, 250.0, (75.0, 150.0)), 200.0, 32.0, -12.91, 150.0),
+    ],
+)
+def test_equal_feel_takes_the_frequency_that_is_played(device, hz, torso_db, palm_db, played_hz):
+    header = header_of(Feel(is_equal=True))
+    run = make_run(header, "hum", everywhere([0]), (1.0, hz))
+    at_100 = 33.8 - 5.88
+    expected = (played_hz / 100.0) ** 2 * 10.0 ** ((torso_db + palm_db - at_100) / 20.0)
+    values = render(header, [run], device, models).values[0, :2]
+    assert values == pytest.approx([expected, played_hz], rel=2e-3)
+    live = MomentRenderer(of_one_moment(header), device, models).values([run], 0.0)
+    assert live[0] == pytest.approx(expected, rel=2e-3)
+
+
+def test_equal_feel_raises_by_12_db_at_most():
+    # At 500 Hz a torso needs 69 um (36.9 dB re 1 um) or 690 m/s^2, at 100 Hz 9.82: 70 times less.
+    header = header_of(Feel(is_equal=True))
+    run = make_run(header, "hum", everywhere([0]), (1.0, 500.0))
+    values = render(header, [run], vibrating(50.0, 500.0), models).values
+    assert values[0, :2].tolist() == [4.0, 500.0]
+
+
+def test_equal_feel_of_a_pair_of_tones_takes_the_tone_felt_first():
+    device = vibrating(20.0, 500.0, takes_waveform=True, is_tone_pair=True)
+    header = header_of(Feel(is_equal=True))
+    # Midway of 40 and 320 Hz both tones have the same share.
+    run = make_run(header, "hum", everywhere([0]), (10.0, np.sqrt(40.0 * 320.0)))
+    low, high = (p.amplitudes[0, 0] for p in render(header, [run], device, models).partials)
+    # The torso at 40 Hz: 18.23 + 10 dB re 1 um or 1.630 m/s^2; at 320 Hz 55 m/s^2.
+    assert low == pytest.approx(10.0 * 1.630 / 9.818, rel=2e-3)
+    assert high == pytest.approx(low)
+
+
+def test_thresholds_of_an_actuator_count_at_the_frequency_that_is_played():
+    # 2 m/s^2 is above the actuator's threshold at 100 Hz, but below that at 250 Hz.
+    device = vibrating(100.0, 100.0, thresholds=((100.0, 1.0), (250.0, 5.0)))
+    header = header_of(Feel())
+    run = make_run(header, "hum", everywhere([0]), (2.0, 250.0))
+    shortfalls = render(header, [run], device, models).shortfalls
+    assert [short.reason for short in shortfalls] == ["frequency"]
+
+
 def test_limits_come_after_equal_feel():
     # Factor 1.303 at 250 Hz: 18 m/s^2 would be 23.5; the device has 20 at most.
     felt = strengths(Feel(is_equal=True), everywhere(range(5)), (18.0, 250.0))
@@ -87,6 +147,25 @@ def test_a_sensation_persists_exponentially_to_one_percent():
     expected[expected < 0.1] = 0.0
     assert values[:5].tolist() == [10.0] * 5
     assert values[5:] == pytest.approx(expected)
+
+
+def test_adaptation_recovers_while_a_sensation_persists():
+    feel = Feel(adaptation_s=0.1, persistence_s=0.04)
+    values = strengths(feel, everywhere(range(5)))[:, 0]
+    tail_s = np.arange(36) / 100.0
+    adapted = (1.0 - np.exp(-0.04 / 0.1)) * np.exp(-tail_s / 0.1)
+    fading = np.exp(-tail_s / 0.04)
+    fading[fading < 0.01] = 0.0  # 1 % of the level without adaptation
+    assert values[4:] == pytest.approx(10.0 * fading / (1.0 + 0.6 * adapted))
+
+
+def test_samples_of_level_0_are_silence():
+    feel = Feel(adaptation_s=0.1, persistence_s=0.04)
+    header = header_of(feel)
+    run = make_run(header, "hum", everywhere(range(40)), (10.0, 100.0))
+    run = replace(run, levels=np.where(np.arange(40) < 5, 1.0, 0.0))
+    values = render(header, [run], device_of(), models).values[:, [0, 2]]
+    assert values == pytest.approx(strengths(feel, everywhere(range(5))))
 
 
 def test_persistence_crosses_blocks_and_gaps():

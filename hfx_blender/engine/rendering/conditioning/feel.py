@@ -58,13 +58,13 @@ class SkinMemory:
     """Adaptation and persistence of streams as first-order gains, advanced in order of time.
 
     The adaptation of a stream that is on rises to 1 with the time constant, and falls as fast
-    afterwards; the gain is ``1 / (1 + RISE * adaptation)``. With persistence, levels fall
-    exponentially at most: further samples follow the last one, to 1 % of its level.
+    afterwards; the gain is ``1 / (1 + RISE * adaptation)``. With persistence, levels before this
+    gain fall exponentially at most: further samples follow the last one, to 1 % of its level.
     """
 
     def __init__(self, feel: Feel) -> None:
         self._feel = feel
-        # Time, adaptation, resulting level, and a run of the last sample alone.
+        # Time, adaptation, level before adaptation, and a run of the last sample with such a level.
         self._last: dict[Stream, tuple[float, float, float, SampleRun]] = {}
 
     def felt(self, runs: Sequence[SampleRun], indices: I64, times_s: F64) -> list[SampleRun]:
@@ -77,14 +77,17 @@ class SkinMemory:
         pieces: list[list[SampleRun]] = []
         for stream in streams:
             run = given.get(stream)
-            own = {} if run is None else {n: k for k, n in enumerate(run.indices.tolist())}
+            # A sample of level 0 is silence.
+            at = [] if run is None else np.flatnonzero(run.levels > 0.0).tolist()
+            own = {} if run is None else dict(zip(run.indices[at].tolist(), at, strict=True))
             pieces.append([])
             for row, index in enumerate(indices.tolist()):
                 sample = run.one(own[index]) if run is not None and index in own else None
                 self._advance(stream, float(times_s[row]), sample)
                 if stream in self._last and self._last[stream][2] > 0.0:
-                    _, _, level, last = self._last[stream]
-                    moment = replace(last, levels=np.array([level]), times_s=times_s[[row]])
+                    _, adapted, level, last = self._last[stream]
+                    levels = np.array([level / (1.0 + RISE * adapted)])
+                    moment = replace(last, levels=levels, times_s=times_s[[row]])
                     pieces[-1].append(replace(moment, indices=indices[[row]]))
         return joined_runs(pieces, streams)
 
@@ -94,15 +97,16 @@ class SkinMemory:
             if sample is not None:
                 self._last[stream] = time_s, 0.0, float(sample.levels[0]), sample
             return
-        level = 0.0 if sample is None else float(sample.levels[0])
-        before_s, adapted, kept, last = self._last[stream]
+        before_s, adapted, level, last = self._last[stream]
         elapsed_s = time_s - before_s
         if self._feel.adaptation_s:
             share = math.exp(-elapsed_s / self._feel.adaptation_s)
             adapted = share * adapted + (1.0 - share) * (sample is not None)
         # At an unchanged time, as in a paused scene, nothing persists.
         persists = self._feel.persistence_s > 0.0 and elapsed_s > 0.0
-        kept *= math.exp(-elapsed_s / self._feel.persistence_s) if persists else 0.0
-        last = sample or last
-        kept *= sample is not None or kept > _FAINTEST * float(last.levels[0])
-        self._last[stream] = time_s, adapted, max(level / (1.0 + RISE * adapted), kept), last
+        level *= math.exp(-elapsed_s / self._feel.persistence_s) if persists else 0.0
+        if sample is not None:
+            level = max(level, float(sample.levels[0]))
+            last = replace(sample, levels=np.array([level]))
+        level *= level > _FAINTEST * float(last.levels[0])
+        self._last[stream] = time_s, adapted, level, last
