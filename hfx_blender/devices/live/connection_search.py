@@ -57,7 +57,7 @@ def why_not(device: DeviceConfig, kind: str) -> str:
     """Reason why a device cannot have settings of a kind; "" if the device can."""
     if kind == "DEVICE" and not device.outputs:
         plays = "the sound card or the log" if "vibration" in device.modalities else "the log"
-        return f"The configuration has no output: use {plays}, or export files"
+        return f"HFX has no connection to this device: use {plays}, or export files"
     if kind == "AUDIO" and "vibration" not in device.modalities:
         return "A sound card plays vibration only; the device has none"
     if kind == "PAGE" and "vibration" not in device.modalities:

@@ -45,7 +45,7 @@ def serial_ports() -> list[FoundPort]:
     return [
         FoundPort(
             port.device,
-            port.description or "",
+            "" if port.description in (None, "n/a") else port.description,  # "n/a" of pyserial
             None if port.vid is None or port.pid is None else (port.vid, port.pid),
             port.serial_number or "",
         )
@@ -213,7 +213,8 @@ def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:
     matching = [port.name for port in ports if _is_on(device, port)]
     if len(matching) == 1:
         return matching[0]
-    there = ", ".join(f"{port.name} ({port.description})" for port in ports) or "none"
+    texts = (f" ({port.description})" if port.description else "" for port in ports)
+    there = ", ".join(port.name + text for port, text in zip(ports, texts, strict=True)) or "none"
     if matching:
         raise DeviceError(
             f"Device '{device.id}' is on several ports ({', '.join(matching)}); choose one."

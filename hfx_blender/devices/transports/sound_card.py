@@ -329,10 +329,10 @@ def sound_library() -> Any:
     """Module ``sounddevice``; OutputLostError with instructions if a library is missing."""
     try:
         import sounddevice
-    except ImportError as error:
+    except ImportError:
         raise OutputLostError(
             "Sound cards need the Python package sounddevice: install the extension's zip for your "
-            f"platform, which brings it; with pip, 'hfx-blender[audio]' ({error})."
+            "platform, which brings it; with pip, 'hfx-blender[audio]'."
         ) from None
     except OSError as error:  # the wheel for Linux does not contain PortAudio
         raise OutputLostError(

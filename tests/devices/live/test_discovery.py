@@ -58,6 +58,11 @@ def test_a_missing_port_is_reported_with_the_present_ports(name):
         port_of(name, PORTS)
 
 
+def test_a_port_without_a_description_is_its_name_alone():
+    with pytest.raises(DeviceError, match=r"serial ports: /dev/ttyS0\.$"):
+        port_of(device(), [FoundPort("/dev/ttyS0", "", None, "")])
+
+
 def test_found_devices_are_listed_with_ports():
     on_both = found_devices([device()], PORTS)
     assert [item.port for item in on_both] == ["/dev/ttyACM0", "/dev/ttyACM1"]
