@@ -189,7 +189,7 @@ def _run(
     *,
     is_for_all: bool = False,
 ) -> tuple[int, float, str, str]:
-    """Exit code, seconds from the signal to the end, errors, and the :func:`_moment` of the
+    """Exit code, seconds from the signal to the end, errors, and the :func:`moment_of` of the
     signal."""
     out, temporary = folder / "out", folder / "temporary"
     out.mkdir(parents=True)
@@ -211,7 +211,7 @@ def _run(
         # Stopped, as the command could begin or end between the look and the signal.
         # By os.kill: send_signal() would collect an ended process first.
         os.kill(started.pid, signal.SIGSTOP)
-        moment = _moment(started.pid)
+        moment = moment_of(started.pid)
         os.kill(started.pid, number)
         os.kill(started.pid, signal.SIGCONT)
         for child in _processes(folder) if is_for_all else ():
@@ -225,7 +225,7 @@ def _run(
     return started.returncode, time.monotonic() - begun, err, moment
 
 
-def _moment(pid: int) -> str:
+def moment_of(pid: int) -> str:
     """Wait until a process stands still after SIGSTOP. Returns "end" if it exits or has ended: the
     system frees the memory of Blender for up to 0.1 s. Returns "start" if Python starts, before any
     line of the command: signals then have the system's handlers. Otherwise "command"."""

@@ -264,10 +264,19 @@ class Session:
         for k, sender in enumerate(self.senders if options.bodies > 1 else ()):
             command += ["--body", f"{options.names[k]}={sender.address[1]}"]
         self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=_environment(folder)
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env=_environment(folder),
+            start_new_session=True,
         )
         for sender in self.senders:
             sender.start()
+
+    def prioritize(self) -> None:
+        """Give the command and its output process the nice value of this process."""
+        for pid in (self.process.pid, *_children(self.process.pid)):
+            prioritize_session(pid)
 
     def close(self) -> str:
         """End all; returns the output of the command."""
@@ -279,6 +288,12 @@ class Session:
         if self.process.stdout.closed:
             return ""
         return self.process.communicate()[0].decode()
+
+
+def _children(pid: int) -> list[int]:
+    """Child processes of all threads of a process; empty without Linux's /proc."""
+    texts = [path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children")]
+    return [int(number) for text in texts for number in text.split()]
 
 
 def device_file(transport: str, folder: Path, port: str, name: str) -> Path:
@@ -316,6 +331,7 @@ def changes(options: argparse.Namespace, folder: Path) -> int:
         if not until(lambda: all(board.strength > 0.0 for board in session.boards), 30.0):
             print(session.close())  # noqa: T201
             return 1
+        session.prioritize()
         time.sleep(1.0)
         for number in range(options.changes):
             sender = session.senders[number % options.bodies]

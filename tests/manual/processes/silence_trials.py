@@ -31,6 +31,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
+from check_signals import moment_of
 from live_timing import (
     Board,
     DistantBoard,
@@ -57,6 +58,9 @@ KINDS = (
 def child(descriptor: int, arguments: list[str]) -> None:
     """Run ``hfx``; write the time of a raised error and of the first stop to a pipe. After SIGUSR1
     the receiver of OSC raises an error."""
+    from hfx_blender.processes import startup
+
+    startup.begin()  # from here on signals end the command
     from hfx_blender.__main__ import main
     from hfx_blender.devices.live.client import LiveClient
     from hfx_blender.devices.live.host_pipe import HostPipe
@@ -168,15 +172,20 @@ def trial_anytime(kind: str, clip: Path, folder: Path, board: DistantBoard) -> t
     number = getattr(signal, kind.partition(":")[2])
     with session(kind, clip, folder, board) as (process, _sender, _reading):
         time.sleep(random.uniform(0.0, 2.5))
+        os.kill(process.pid, signal.SIGSTOP)
+        moment = moment_of(process.pid)
         began_s = time.perf_counter()
-        process.send_signal(number)
+        os.kill(process.pid, number)
+        os.kill(process.pid, signal.SIGCONT)
+        if moment == "start":  # Python starts and imports this file
+            return 0.0, ""
         if not until(lambda: process.poll() is not None, 20.0):
-            return None, "did not end"
+            text = (folder / "output.txt").read_text(errors="replace")
+            return None, f"did not end, {moment}: {text[-600:]}"
         is_silent = until(lambda: board.strength == 0.0, 1.0)
         output = (folder / "output.txt").read_text(errors="replace")
-        # Python itself may be starting, with the system's handlers.
-        codes = (128 + number, -number, 1 if number == signal.SIGINT else -number)
-        if not is_silent or board.is_by_dead_man or process.returncode not in codes:
+        is_right = process.returncode == 128 + number
+        if not is_silent or board.is_by_dead_man or not is_right:
             at_end = f"exit {process.poll()}, dead man {board.is_by_dead_man}"
             return None, f"{at_end}: {output[-600:]}"
         return max(board.changed_s - began_s, 0.0), ""
@@ -215,6 +224,9 @@ def trial_gone(kind: str, clip: Path, folder: Path) -> tuple[float | None, str]:
         time.sleep(random.uniform(0.02, 0.4))
         again = Board("udp", int(board.port))
         again.start()
+        if not until(lambda: again.strength > 0.0, 5.0):
+            return None, "does not return"
+        time.sleep(random.uniform(0.02, 0.4))
         began_s = time.perf_counter()
         process.send_signal(signal.SIGINT)
         is_ended = until(lambda: process.poll() is not None, 20.0)
