@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,14 +18,19 @@ import pytest
 from own_avatar import opened
 
 from hfx_blender.authoring import painting
-from hfx_blender.authoring.effects import effects
+from hfx_blender.authoring.effects import effect_exchange, effects
 from hfx_blender.avatars import stored_fits
+from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body import model
+from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.rendering.device_config import VertexPlace, VertexSet
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
+from hfx_blender.reading.live_scene import signature_of
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_blender.ui.panels import body_panel
+from hfx_tools.track_rendering import render_devices
 
 IDS = ("hfx-pressure-1-quadric", "hfx-vibration-1-quadric")
 
@@ -172,3 +178,48 @@ def test_an_own_avatar_is_fitted_to_the_set_and_keeps_the_shipped_fit(installed:
     rows = [int(np.flatnonzero((fine.vertices == v).all(axis=1))[0]) for v in coarse.vertices]
     away = np.linalg.norm(fitted.vertices - shipped.vertices[rows], axis=1)
     assert np.quantile(away, 0.95) < 0.01 * np.ptp(shipped.vertices)
+
+
+def test_a_saved_effect_of_the_shipped_model_moves_to_the_set(installed: Path) -> None:
+    rig = oracle.add_avatar()
+    touch = oracle.add_painted("Touch", "pressure", rig, part="torso")
+    saved = effect_exchange.sensation_of(bpy.context.scene, [touch], "Saved")
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.hfx.use_models(models="coarse")
+    (placed,) = effect_exchange.place_sensation(bpy.context.scene, saved, body=rig, frame=1.0)
+    # A whole part stays a whole part on any model.
+    coarse = model.load_model(IDS[0])
+    assert placed.hfx.model_id == IDS[0]
+    assert effects.area(placed)[0] == np.flatnonzero(coarse.part == PARTS.index("torso")).tolist()
+
+
+def test_the_open_scene_is_described_again_with_the_set(installed: Path) -> None:
+    rig = oracle.add_avatar()
+    oracle.add_volume("Ball", "pressure", "SPHERE", (0.0, 0.0, 1.2))
+    bpy.context.view_layer.objects.active = rig
+    before = signature_of(bpy.context.scene)
+    bpy.ops.hfx.use_models(models="coarse")
+    assert signature_of(bpy.context.scene) != before
+
+
+def test_devices_and_clips_play_by_place_and_name_actuators_of_other_vertices(
+    installed: Path, tmp_path: Path
+) -> None:
+    rig = oracle.add_avatar()
+    buzz = oracle.add_painted("Buzz", "vibration", rig)
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.hfx.use_models(models="coarse")
+    buzz.hfx.intensity = 1.0
+    bpy.context.scene.frame_end = 3
+    by_place = load_device("waist_belt")
+    shipped = model.load_model("hfx-vibration-1")
+    named = VertexPlace((VertexSet(shipped.id, shipped.content_hash, (5,)),))
+    first = replace(by_place.actuators[0], place=named)
+    by_name = replace(by_place, id="named", actuators=(first,))
+    settings = ExportSettings(("track", "csv", "clip"), (by_place, by_name))
+    report = export_scene(bpy.context.scene, tmp_path, "x", settings)
+    lost = [w for w in report.notes if f"without a vertex on the body model '{IDS[1]}'" in w]
+    assert len(lost) == 1 and "device 'named'" in lost[0] and first.id in lost[0]
+    with TrackReader(next(p for p in report.files if p.suffix == ".hfxtrack")) as track:
+        rasters = {device.id: raster for device, raster in render_devices(track, [by_place])}
+    assert (rasters[by_place.id].values.max(axis=0) > 0.0).sum() >= len(by_place.actuators)
