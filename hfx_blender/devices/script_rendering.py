@@ -35,6 +35,7 @@ SUM_ROW_S: Final = 0.1
 """Time limit for all rows, seconds: the sum of ``SUM_S`` and ``SUM_ROW_S`` for each row."""
 
 PRINTED: Final = 20  # largest number of printed lines in the report, for each device and body
+_PRINTS_PER_S: Final = 10_000  # bounds an endless loop of prints
 _BATCH_ROWS: Final = 64
 # Size of a batch of rows, bytes; the next batch is in the pipe during the work on one.
 _BATCH_BYTES: Final = 1 << 20
@@ -195,21 +196,18 @@ class _ScriptRun:
     """Run of a script, row by row; a context manager that kills the worker at the end.
 
     ``answers`` (T, columns) float64: filled in place, row by row.
-    ``printed``: printed lines are appended.
+    ``printed``: printed lines are appended, beyond ``PRINTED`` as empty ones, which are counted.
     """
 
     def __init__(
-        self,
-        script: approval.DeviceScript,
-        device: DeviceConfig,
-        answers: F64,
-        printed: list[str],
+        self, script: approval.DeviceScript, device: DeviceConfig, answers: F64, printed: list[str]
     ) -> None:
         assert device.script is not None
         self._printed = printed
         self._answers = answers
         self._path = script.path
-        self._request = {**script.as_request(), "device": str(device.script.device), "folder": None}
+        limit = {"folder": None, "prints_per_s": _PRINTS_PER_S}
+        self._request = {**script.as_request(), "device": str(device.script.device), **limit}
         # A fixed seed makes the order of sets in the script reproducible.
         self._worker = Worker("devices.workers.script_worker", variables={"PYTHONHASHSEED": "0"})
         self._asked = self._answered = 0  # rows sent, rows answered
@@ -285,7 +283,8 @@ class _ScriptRun:
         if received.kind in (MessageKind.LOG, MessageKind.FAULT):
             text = received.body.decode(errors="replace")
             if received.kind is MessageKind.LOG:
-                self._printed += text.splitlines()
+                lines = text.splitlines()
+                self._printed += lines if len(self._printed) < PRINTED else [""] * len(lines)
                 return
             raise self._fault(text if self._is_ready else f"cannot be started: {text}")
         if received.kind is MessageKind.READY and not self._is_ready:

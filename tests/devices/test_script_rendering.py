@@ -511,6 +511,24 @@ def render(h):
     ]
 
 
+def test_printed_lines_of_all_rows_are_counted(folder: Path, path: Path) -> None:
+    source = """
+calls = 0
+
+
+def render(h):
+    global calls
+    calls += 1
+    for k in range(4 if calls <= 10 else 0):
+        print(calls, k)
+"""
+    notes = rendered(path, scripted(folder, source)).notes
+    name = f"device '{BAND}': its script printed"
+    # Of 40 lines in the first 10 rows the report has 20, those of 5 rows.
+    lines = [f"{name}: {row} {k}" for row in range(1, 6) for k in range(4)]
+    assert [note for note in notes if "printed" in note] == [*lines, f"{name} 20 more lines"]
+
+
 def test_many_printed_lines_are_counted(folder: Path, path: Path) -> None:
     source = """
 print("\\n".join(f"line {k}" for k in range(33)))

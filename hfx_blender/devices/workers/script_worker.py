@@ -26,30 +26,31 @@ from .haptics import as_values, decode_haptics
 from .message_bodies import encode_values
 
 MAX_MEMORY: Final = 4 << 30
-_LOGS_PER_S: Final = 10
 _JUMP_S: Final = 0.25  # longest step of time that is no jump, seconds
 _LONGEST_TEXT: Final = 500
 
 
 class _Outlet:
-    """Messages and prints of a script to the owner; at most 10 prints in a second."""
+    """Messages and prints of a script to the owner; at most ``prints_per_s`` prints in a second."""
 
     def __init__(self, owner: Owner) -> None:
         self._owner = owner
         self._since, self._count = 0.0, 0
+        self.prints_per_s = 10
 
     def send_text(self, kind: MessageKind, text: str) -> None:
         """Send a message with the first 500 characters of ``text``; never dropped."""
         self._owner.send(message(kind, 0, text[:_LONGEST_TEXT].encode(errors="replace")))
 
     def log_print(self, *parts: Any, sep: str | None = " ", **_: Any) -> None:
-        """Replace ``print``: send the joined ``parts`` as a LOG message; after 10 calls, further
-        calls are dropped until a second has passed. ``end``, ``file`` and ``flush`` are ignored."""
+        """Replace ``print``: send the joined ``parts`` as a LOG message; after ``prints_per_s``
+        calls, further calls are dropped until a second has passed. ``end``, ``file`` and ``flush``
+        are ignored."""
         now = time.monotonic()
         if now - self._since > 1.0:
             self._since, self._count = now, 0
         self._count += 1
-        if self._count <= _LOGS_PER_S:
+        if self._count <= self.prints_per_s:
             self.send_text(MessageKind.LOG, (" " if sep is None else sep).join(map(str, parts)))
 
 
@@ -109,6 +110,7 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
         raise PermissionError(f"{path.name} is not approved; {how_to_approve(name)}")
     device = load_device(name, None if folder is None else Path(folder))
     # Standard output is discarded; prints become lines in the panel.
+    outlet.prints_per_s = request.get("prints_per_s", outlet.prints_per_s)
     builtins.print = outlet.log_print
     names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
     exec(compile(source, str(path), "exec"), names)
