@@ -47,7 +47,6 @@ _before: dict[int, tuple[list[dict[str, Any]], float]] = {}
 _browsers: set[int] = set()  # pointers of Asset Browsers' areas that show a picture
 _halves: set[int] = set()  # pointers of Image Editors split from a viewport
 
-
 _own_range: list[tuple[float, tuple[float, ...]]] = []
 """Positions and colours of the weight range in the preferences before painting; empty outside."""
 

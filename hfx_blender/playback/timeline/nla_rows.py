@@ -46,12 +46,13 @@ def rows_of_tracks(
     pairs, blocks = _channels(context)
     masks = [strip_mask(region, track) for _, track in pairs]
     fitting: list[list[int] | None] = []
-    high = top
+    high, header = top, None
     while pairs and high > 0.5 * height:
         numbers = None
         if high + gap < region.height - ruler:
             middle, above = line(high - 0.5 * height), line(high + 0.5 * gap)
-            numbers = [k for k, mask in enumerate(masks) if fits(middle, above, mask)]
+            header = header if fitting else middle  # the first row is that of an object
+            numbers = [k for k, mask in enumerate(masks) if fits(middle, above, mask, header)]
         fitting.append(numbers)
         high -= height + gap
     unseen = {k for k, mask in enumerate(masks) if not (mask > 0).any()}
@@ -156,14 +157,17 @@ def strip_mask(region: bpy.types.Region, track: bpy.types.NlaTrack) -> I32:
     return mask
 
 
-def fits(middle: I32, above: I32, mask: I32) -> bool:
+def fits(middle: I32, above: I32, mask: I32, header: I32 | None = None) -> bool:
     """Test colours (width, channels) in the middle of a row for the strips of :func:`strip_mask`,
-    with those of the gap above; False without any strip in view."""
+    with those of the gap above, and of a row without strips if one is in view; False without any
+    strip in view."""
     inside, outside = mask > 0, mask < 0
     is_changed = (abs(middle - above) > 2).any(axis=1)
     # The borders of strips reach into the gap: strips differ from the rest of their row, too.
     rest = middle[outside & ~is_changed]
     background = np.median(rest, axis=0) if len(rest) else above
+    # Frames of the scene are brighter than others: a strip of all of them would fit each row.
+    background = background if header is None else header
     is_filled = (abs(middle - background) > 2).any(axis=1)
     # Names are drawn over strips, and scroll bars over the rest.
     is_rest_empty = (is_filled & is_changed & outside).sum() < 0.02 * len(mask)

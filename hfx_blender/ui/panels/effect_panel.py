@@ -24,6 +24,7 @@ from ...operators.shared import active_effect, painted_effect
 from ..sidebar import HfxPanel, draw_text, draw_with_unit
 from .effects_panel import draw_moving
 
+_LOCKED = "The effect belongs to a linked file: its settings are greyed out"
 _DIMENSIONS = {
     "CUBOID": ("size",),
     "SPHERE": ("radius",),
@@ -62,12 +63,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         effect = active_effect(context)
         hfx = effect.hfx
         if effects.is_locked(effect):
-            draw_text(
-                context,
-                layout,
-                "The effect belongs to a linked file: its settings are greyed out",
-                "LOCKED",
-            )
+            draw_text(context, layout, _LOCKED, "LOCKED")
             layout.operator("hfx.make_editable", icon="UNLOCKED")
         layout.prop(effect, "name")
         layout.prop(hfx, "modality")

@@ -60,6 +60,19 @@ def test_borders_of_strips_in_the_gap_change_nothing(effect: Any) -> None:
     assert not nla_rows.fits(row(), row((80, 120), (200, 280), colour=0), mask)
 
 
+def test_a_strip_of_all_frames_of_the_scene_does_not_fit_a_header() -> None:
+    """Blender draws these frames brighter than the others, in each row and gap."""
+    mask = np.full(400, -1, np.int32)
+    mask[77:123], mask[83:117] = 0, 1
+    header = row((0, 80), (120, 400), colour=33)
+    strip, border = header.copy(), header.copy()
+    strip[80:120], border[80:120] = 140, 20
+    assert nla_rows.fits(header, header, mask), "alone, the frames cannot be told from a strip"
+    assert not nla_rows.fits(header, header, mask, header)
+    assert nla_rows.fits(strip, header, mask, header)
+    assert nla_rows.fits(strip, border, mask, header)
+
+
 def test_strips_out_of_view_fit_no_row(effect: Any) -> None:
     for _, strip in clips.strips_of(effect)[::-1]:
         strip.frame_start_ui += 200
