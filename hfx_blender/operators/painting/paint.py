@@ -27,6 +27,7 @@ from ..shared import (
     kept_items,
     painted_effect,
     select_only,
+    target_body,
 )
 from . import paint_view
 
@@ -210,8 +211,9 @@ class HFX_OT_add_on_part(OnBodyOperator):
         translation_context="HFX",
     )
 
-    def work(self, _context: bpy.types.Context) -> None:
-        bpy.ops.hfx.add_painted(modality=self.modality)
+    def work(self, context: bpy.types.Context) -> None:
+        body = target_body(context)
+        select_only(context, effects.add_painted(context.scene, self.modality, body))
         bpy.ops.hfx.fill_part(part=self.part)
 
 

@@ -482,8 +482,9 @@ def test_a_clip_of_the_painted_effect_ends_painting(body: Any, name: str) -> Non
     assert len(clips.strips_of(effect)) == 1
 
 
-def test_an_effect_covers_a_body_part_from_the_start(body: Any) -> None:
+def test_an_effect_covers_a_body_part_from_the_start(body: Any, capfd: Any) -> None:
     bpy.ops.hfx.add_on_part(modality="vibration", part="hand_palm")
+    assert "no painted area" not in capfd.readouterr().out
     effect = bpy.context.object
     model = load_model("hfx-vibration-1")
     vertices = effects.area(effect)[0]
