@@ -24,7 +24,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))
 
 import bpy
-from live_timing import DistantBoard, shown
+from live_timing import DistantBoard, prioritize_session, shown
 
 import hfx_blender
 from hfx_blender.avatars.tracked_rig import HumanPose
@@ -194,6 +194,8 @@ def run_until_quit(descriptor: int, port: str, folder: str) -> None:
     received: list[int] = []
     signal.signal(signal.SIGUSR1, lambda number, _frame: received.append(number))
     bpy.ops.hfx.live_connect(name=BELT, kind="DEVICE", port=port)
+    for pid in (os.getpid(), live.client.pipe.pid):
+        prioritize_session(pid or 0)
     body_tracking.start(bpy.data.objects["Rig"], Person())
     main_loop(lambda: arm_stopped() or received, 60.0)
     os.write(descriptor, struct.pack("d", time.perf_counter()))
