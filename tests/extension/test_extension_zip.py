@@ -184,6 +184,7 @@ def test_nothing_else_strays_into_the_zip(small: Path) -> None:
         ".png",
         ".blend",
         ".csv",
+        ".dat",
         ".hfxeffect",
         ".hfxpath",
         ".txt",

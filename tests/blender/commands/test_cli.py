@@ -449,7 +449,7 @@ class Finder:
         if name == "addon_utils":  # imported by Blender while it starts
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, Finder())
-from hfx_blender.cli import main
+from hfx_blender.__main__ import main
 main()
 """
 

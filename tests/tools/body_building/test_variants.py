@@ -157,7 +157,7 @@ def test_the_command_refuses_in_one_sentence(
     arguments: tuple[str, ...], message: str, tmp_path: Path
 ) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", "from hfx_blender.cli import main; main()", "body", *arguments],
+        [sys.executable, "-c", "from hfx_blender.__main__ import main; main()", "body", *arguments],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
         capture_output=True,
