@@ -35,8 +35,8 @@ _BURST: Final = 96.0
 
 _WAIT_S: Final = 0.02  # between two tests for the end
 
-# Datagrams within a second that make a sender the only one, until it is silent for half a second.
-# A program that opens a socket for each datagram stays below.
+# A sender of so many datagrams within a second is the only one, until half a second of silence. A
+# program with a new socket for each datagram stays below.
 _STEADY: Final = 10
 _SILENT_S: Final = 0.5
 

@@ -86,7 +86,7 @@ class VmcBody:
     ``longest_m``: greatest distance of a bone from its parent, metres.
 
     Poses of limbs and trackers alone bring no body back: after 2 s without root, trunk and headset
-    their next pose removes all poses that are as old.
+    their next pose removes all older poses.
     """
 
     def __init__(self) -> None:
