@@ -128,6 +128,12 @@ def check_columns(sections: Sections, record: Any, device: DeviceConfig, path: s
     actuators = texts_at(sections, sections["ACTR"]["id"][columns["actuator"]])
     theirs = list(zip(actuators, texts_at(sections, columns["parameter"]), strict=True))
     ours = [(column.actuator, column.parameter) for column in columns_of(device)]
+    custom = [c for a in device.actuators for c in a.type.controls if c.unit]
+    if custom and len(theirs) < len(ours):
+        raise InputError(
+            f"{path}: game clips have no custom columns, such as '{custom[0].name}' of "
+            f"'{device.id}'; play a track of this device."
+        )
     # The first difference says more than the lists.
     for recorded, configured in zip(theirs, ours, strict=False):
         if recorded != configured:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +19,8 @@ from ..formats import clip_rules
 from ..formats.clip_reader import texts_at
 
 F64 = npt.NDArray[np.float64]
+
+_MOST_REPORTED: Final = 20  # unknown names: more are a flood
 
 
 def is_strength(device: DeviceConfig) -> npt.NDArray[np.bool_]:
@@ -51,12 +54,13 @@ class TriggeredParts:
         self._clips = {
             name: PlayedClip(path, {name: device}, body) for name, (device, body) in wearers.items()
         }
+        self._unknown: set[str] = set()  # reported names
         # Trigger time, and clips by device, of each playing part.
         self._playing: dict[str, tuple[float, dict[str, PlayedClip]]] = {}
 
     def update(self, triggered: Sequence[str], now_s: float) -> list[str]:
-        """Start parts by name at a time, and end those played to their end; returns unknown
-        names."""
+        """Start parts by name at a time, and end those played to their end; returns unknown names,
+        each once, 20 at most."""
         for name in triggered:
             if name in self._spans:
                 # A copy, as a clip keeps the last row it gave.
@@ -65,7 +69,10 @@ class TriggeredParts:
             start_s, end_s = self._spans[name]
             if now_s - begun_s >= end_s - start_s:
                 del self._playing[name]
-        return [name for name in triggered if name not in self._spans]
+        unknown = sorted(set(triggered) - self._spans.keys() - self._unknown)
+        reported = unknown[: _MOST_REPORTED - len(self._unknown)]
+        self._unknown.update(reported)
+        return reported
 
     def values(self, device: str, now_s: float) -> list[F64]:
         """Values (columns,) of a device for each playing part; to be called once at each time."""

@@ -259,6 +259,7 @@ def test_a_part_of_the_clip_plays_once_from_its_trigger(tmp_path: Path) -> None:
     path = named_clip(tmp_path)
     parts = TriggeredParts(path, {"pad": (device, None)})
     assert parts.update(["Strike", "Nothing"], 50.0) == ["Nothing"]
+    assert parts.update(["Nothing"], 50.0) == []  # said before
     shown = []
     for step in range(5):
         parts.update([], 50.0 + 0.05 * step)
@@ -268,11 +269,29 @@ def test_a_part_of_the_clip_plays_once_from_its_trigger(tmp_path: Path) -> None:
     assert shown[4] == []
 
 
+def test_a_flood_of_unknown_parts_is_twenty_sentences(tmp_path: Path) -> None:
+    parts = TriggeredParts(named_clip(tmp_path), {"pad": (load_device("oculus_touch"), None)})
+    sentences = [parts.update([f"part {k}", f"part {k + 1}"], 50.0) for k in range(0, 100, 2)]
+    assert sum(map(len, sentences)) == 20
+
+
 def test_faults_are_one_sentence(clip: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no body 'Ben'|no values for 'oculus_touch' on 'Ben'"):
         Stage(clip, port="Ben")
     with pytest.raises(InputError, match="it has no values for 'insoles'"):
         Stage(clip, "insoles")
+    device = load_device("oculus_touch")
+    focus = replace(device.actuators[0].type.controls[0], name="focus_x", unit="m")
+    kind = replace(device.actuators[0].type, controls=(*device.actuators[0].type.controls, focus))
+    actuators = tuple(replace(actuator, type=kind) for actuator in device.actuators)
+    with pytest.raises(InputError, match="no custom columns, such as 'focus_x' of 'oculus_touch'"):
+        FeltBodies(
+            clip,
+            {"oculus_touch": replace(device, actuators=actuators)},
+            {"": _Messages()},  # type: ignore[dict-item]
+            LiveValues(),
+            print,
+        )
     damaged = tmp_path / "damaged.hfxclip"
     damaged.write_bytes(clip.read_bytes()[:-4])
     with pytest.raises(InputError, match="damaged"):
