@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from . import addon_wheels, native_wheel
 from .addon_wheels import LICENCES, OFFICIAL, WheelError
-from .bundled_libraries import Library, libraries
+from .bundled_libraries import Library, libraries, member
 
 _OWN = "GPL-3.0-or-later"
 _PLAYERS = "MIT"  # of the packages for games
@@ -90,7 +90,12 @@ def bill(version: str, artefacts: Iterable[Path], pinned: Mapping[str, str]) -> 
             "licenses": [{"expression": _PLAYERS if _is_player(path) else _OWN}],
         }
         wheels = wheels_in(path)
+        package = Wheel(path.name, path.read_bytes(), "")
+        direct = {k: v for k, v in libraries(path.name, package.content).items() if "!" not in k}
         needs[path.name] = [wheel.name for wheel in wheels]
+        needs[path.name] += [f"{path.name}/{name}" for name in sorted(direct)]
+        for name, library in direct.items():
+            components[f"{path.name}/{name}"] = _library(package, name, library)
         for wheel in wheels:
             component = _distribution(wheel, pinned)
             if components.setdefault(wheel.name, component) != component:
@@ -137,7 +142,12 @@ def third_party_licences(artefacts: Iterable[Path]) -> str:
     texts: dict[str, set[str]] = {}
     rows = set()
     for path in sorted(artefacts):
-        libraries(path.name, path.read_bytes())  # an unknown library of any file is an error
+        # An unknown library of any file is an error.
+        for file, library in libraries(path.name, path.read_bytes()).items():
+            if library.text and "!" not in file:
+                rows.add(f"{path.name}, {file}: {library.name}, {library.expression}")
+                text = (LICENCES / library.text).read_text(encoding="utf-8")
+                texts.setdefault(text, set()).add(f"libraries for Windows in {path.name}")
         for wheel in wheels_in(path):
             if wheel.is_own:
                 continue
@@ -193,8 +203,7 @@ def _distribution(wheel: Wheel, pinned: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _library(wheel: Wheel, name: str, library: Library) -> dict[str, Any]:
-    with zipfile.ZipFile(io.BytesIO(wheel.content)) as archive:
-        content = archive.read(name)
+    content = member(wheel.name, wheel.content, name)
     component = {
         "type": "library",
         "bom-ref": f"{wheel.name}/{name}",

@@ -90,6 +90,19 @@ LIBRARIES = (
     Library(
         "scipy", r"libsf_error_state\.", "BSD-3-Clause", source="https://github.com/scipy/scipy"
     ),
+    Library(
+        "libffi",  # statically linked; Macs have their own
+        r"_cffi_backend\.(.*linux.*\.so|.*\.pyd)$",
+        "MIT",
+        "libffi.txt",
+        "https://github.com/libffi/libffi",
+    ),
+    # The Windows libraries of this project have the start-up code of Mingw-w64.
+    Library("hfx_native", r"hfx_native\.dll$", f"{_OWN} AND ZPL-2.1", "mingw_w64.txt"),
+    Library("hfx_core", r"hfx_core\.dll$", f"{_OWN} AND ZPL-2.1", "mingw_w64.txt"),
+    Library(
+        "hfx_haptics", r"(lib)?hfx_(haptics|godot)\b.*\.dll$", "MIT AND ZPL-2.1", "mingw_w64.txt"
+    ),
     Library("hfx_native", r"hfx_native\.", _OWN),
     Library("hfx_core", r"(lib)?hfx_core\.", _OWN),
     Library("hfx_haptics", r"(lib)?hfx_(haptics|godot)\b", "MIT"),
@@ -115,7 +128,7 @@ def libraries(archive: str, content: bytes) -> dict[str, Library]:
     """Libraries in a wheel, zip or tarball and in the wheels inside: name -> project.
 
     Names are paths in the archive; an archive in an archive is joined by ``!``. Modules of Python
-    are left out: the licence of their wheel covers them.
+    without a row are left out: the licence of their wheel covers them.
 
     Parameters
     ----------
@@ -130,9 +143,9 @@ def libraries(archive: str, content: bytes) -> dict[str, Library]:
     result = {}
     for name, head in _members(archive, content):
         is_compiled = head.startswith(_MAGIC) or _LIBRARY.search(name) is not None
-        if not is_compiled or _MODULE.search(name):
-            continue
         library = library_of(name)
+        if not is_compiled or (library is None and _MODULE.search(name)):
+            continue
         if library is None:
             raise WheelError(
                 f"{archive}: {name} is a library of an unknown project; add the project and its "
@@ -140,6 +153,16 @@ def libraries(archive: str, content: bytes) -> dict[str, Library]:
             )
         result[name] = library
     return result
+
+
+def member(archive: str, content: bytes, name: str) -> bytes:
+    """Content of a file in a wheel, zip or tarball, by its name of :func:`libraries`."""
+    if archive.endswith((".tgz", ".tar.gz")):
+        with tarfile.open(fileobj=io.BytesIO(content)) as tar:
+            file = tar.extractfile(name)
+            return b"" if file is None else file.read()
+    with zipfile.ZipFile(io.BytesIO(content)) as source:
+        return source.read(name)
 
 
 def licence_files(archive: str, content: bytes) -> set[Path]:

@@ -232,6 +232,11 @@ def test_an_unknown_library_of_a_package_for_games_stops_the_release(tmp_path: P
         ("libquadmath-96973f99-934c22de.so.0.0.0", "libquadmath", "LGPL-2.1-or-later"),
         ("libportaudio.dylib", "PortAudio", "MIT"),
         ("libscipy_openblas-68440149.so", "OpenBLAS", "BSD-3-Clause AND BSD-3-Clause-Open-MPI"),
+        ("_cffi_backend.cpython-313-x86_64-linux-gnu.so", "libffi", "MIT"),
+        ("_cffi_backend.cp313-win_arm64.pyd", "libffi", "MIT"),
+        ("_cffi_backend.cpython-313-darwin.so", None, None),  # the system's libffi
+        ("hfx_haptics.dll", "hfx_haptics", "MIT AND ZPL-2.1"),
+        ("libhfx_haptics.so", "hfx_haptics", "MIT"),
         ("libportaudio64bit-asio.dll", None, None),  # Steinberg's ASIO
     ],
 )
