@@ -41,6 +41,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(lambda: speed() == 9.0, "the preset is applied", 10)
     yield 1.5  # the undo step
     h.shot("4_applied.png")
+    yield from h.key("Escape")  # the open presets take every key
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))
     yield from h.key("ctrl+z")
     yield 1.0
