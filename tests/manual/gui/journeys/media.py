@@ -49,6 +49,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from felt_sound(h, start)
 
     yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    scene = bpy.context.scene  # an undo has replaced the object
     frame = scene.frame_current
     yield from h.key("space")
     yield from h.until(lambda: scene.frame_current > frame, "Space plays", 60)
