@@ -41,6 +41,7 @@ class Source:
     begin = staticmethod(lambda client: busy("begin"))
     show = staticmethod(lambda client, time_s: busy("show"))
 
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
 signal_watch.end_on_signals()
 try:
     playback_loop.play(Source(), Client())

@@ -54,7 +54,7 @@ def test_a_broken_device_of_the_users_own_does_not_hide_the_others(own, capsys):
     (own / "broken.json").write_text("{")
     code, out, err = hfx(capsys, "device", "list")
     assert code == 0 and "back_pad" in out
-    assert err.count("\n") == 1 and "broken.json: is not valid JSON" in err
+    assert err.count("\n") == 1 and "broken.json: the content is not valid JSON" in err
     code, out, _ = hfx(capsys, "device", "list", "--json")
     assert "not valid JSON" in json.loads(out)["broken"]["fault"]
 

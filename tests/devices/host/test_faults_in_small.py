@@ -516,7 +516,7 @@ class RecordingScript:
 
     def __init__(self) -> None:
         self.told: list[str] = []
-        self.number, self.is_armed = 1, True
+        self.number, self.is_armed, self.generation = 1, True, 0
 
     def start(self) -> None:
         self.told.append("start")
