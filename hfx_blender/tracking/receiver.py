@@ -128,7 +128,7 @@ class OscReceiver:
                 time.sleep(-budget / _MESSAGES_PER_S + _BURST / _MESSAGES_PER_S / 2.0)
 
     def _is_of_one(self, sender: tuple[str, int], now_s: float) -> bool:
-        """Test that no other sender is steady; always true for a receiver of several."""
+        """Count a datagram; False if the receiver is single and another sender steady."""
         if not self._is_single:
             return True
         if self._steady is not None and sender != self._steady:

@@ -133,7 +133,9 @@ def run(options: argparse.Namespace, console: Console) -> int:
         }
         ports: dict[str, OscReceiver] = {}
         for body, port in _ports(options).items():
-            receiver = OscReceiver(options.listen_on, port, allowed, VmcBody.is_used, True)
+            receiver = OscReceiver(
+                options.listen_on, port, allowed, VmcBody.is_used, is_single=True
+            )
             ports[body] = stack.enter_context(closing(receiver))
         values = LiveValues()
         if options.osc is not None:

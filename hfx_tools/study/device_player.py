@@ -38,7 +38,8 @@ class Playback:
 
 
 class StandstillError(Exception):
-    """Devices were silenced because this process stood still; :meth:`DevicePlayer.arm` helps."""
+    """Silence of devices after this process did not run for 250 ms; :meth:`DevicePlayer.arm` lets
+    the devices play again."""
 
 
 class DevicePlayer:

@@ -47,7 +47,7 @@ class ExportOptions:
 
     # Defaults are left out, so that an option added later does not void earlier exports.
     def as_json(self) -> dict[str, Any]:
-        """Plain data; options with default values are left out."""
+        """Unit as plain data, without options that have their default values."""
         default = ExportOptions()
         return {
             name: list(value) if isinstance(value, tuple) else value

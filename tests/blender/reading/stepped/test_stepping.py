@@ -355,7 +355,7 @@ def test_curves_that_come_out_otherwise_are_not_used(
 def test_a_still_volume_is_not_stepped(
     scene: Any, ball: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also on a parent."""
+    """A sphere at rest below a rotated parent is placed without steps of the scene."""
     scene.frame_end = 480  # several chunks of samples
     parent = bpy.data.objects.new("Parent", None)
     scene.collection.objects.link(parent)
