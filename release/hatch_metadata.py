@@ -4,19 +4,29 @@
 The description is the README, with the installation of a published package instead of commands of
 a clone. PyPI shows pictures and follows links of whole addresses only. The environment variable
 ``HFX_REPOSITORY``, as ``https://github.com/OWNER/NAME``, is the address of the repository that has
-the files of the version's tag; without the variable the description has neither.
+the files of the version's tag; without the variable the description has neither, and no list of
+pages.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-_LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:|#)([^)\s]+)\)")  # relative links and pictures
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from release.links import with_addresses, without_links  # next to this file, not installed
+
+_PAGES = re.compile(r"(?<=^## Documentation\n).*?(?=^## )", re.DOTALL | re.MULTILINE)
+_SOURCES = """
+The source distribution of this package (`.tar.gz`) has all pages: `docs/index.md` lists them.
+
+"""
 
 
 class ReadmeHook(MetadataHookInterface):
@@ -32,7 +42,7 @@ class ReadmeHook(MetadataHookInterface):
         if repository:
             text = with_addresses(text, repository.rstrip("/"), f"v{metadata['version']}")
         else:
-            text = without_links(text)
+            text = without_links(_PAGES.sub(_SOURCES, text))
         metadata["readme"] = {"content-type": "text/markdown", "text": text}
 
 
@@ -41,19 +51,3 @@ def description(readme: str, installation: str) -> str:
     head, _, rest = readme.partition("## Install\n")
     _, _, table = rest.partition("<!-- blender range -->\n")
     return f"{head}{installation}### Supported Blenders\n\n{table.replace('<!-- end -->', '')}"
-
-
-def with_addresses(text: str, repository: str, tag: str) -> str:
-    """Turn relative links of a Markdown text into addresses of a repository's files at a tag."""
-
-    def replaced(match: re.Match[str]) -> str:
-        mark, caption, path = match.groups()
-        kind = "raw" if mark else "blob"
-        return f"{mark}[{caption}]({repository}/{kind}/{tag}/{path})"
-
-    return _LINK.sub(replaced, text)
-
-
-def without_links(text: str) -> str:
-    """Remove relative pictures of a Markdown text, and turn relative links into their captions."""
-    return _LINK.sub(lambda match: "" if match[1] else match[2], text)

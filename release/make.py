@@ -35,6 +35,7 @@ from hfx_blender.files.atomic import atomic_file
 from hfx_blender.version import __version__
 from release import addon_wheels, bill_of_materials, godot_zip, native_build, unity_package
 from release.archives import write_tarball, write_zip
+from release.links import without_links
 from release.single_header import single_header
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,6 +44,7 @@ _EPOCH = "315532800"  # 1980-01-01, the oldest time of a zip
 # Platforms of the module bpy, which the command needs.
 WHEEL_PLATFORMS = ("linux-arm64", "linux-x64", "macos-arm64", "macos-x64", "windows-x64")
 PARTS = ("python", "blender", "games")
+SUMS = "SHA256SUMS"
 
 
 def main() -> int:
@@ -140,8 +142,11 @@ def web_package(folder: Path) -> Path:
 
 
 def core_package(folder: Path) -> Path:
-    """Write the C core, its single header, the C++ classes and the examples; returns the path."""
+    """Write the C core, its single header, the C++ classes, the sources of the library, and the
+    examples; returns the path."""
     files = {"hfx_player.h": single_header().encode()}
+    for path in sorted((PLAYERS / "native").glob("live_*")):
+        files[f"native/{path.name}"] = path.read_bytes()
     for part in ("core", "cpp", "examples"):
         for path in sorted((PLAYERS / part).rglob("*")):
             if path.is_file() and "target" not in path.parts and "__pycache__" not in path.parts:
@@ -150,7 +155,8 @@ def core_package(folder: Path) -> Path:
     sample = PLAYERS / "godot" / "addons" / "hfx" / "samples" / "garage.hfxclip"
     files["garage.hfxclip"] = sample.read_bytes()
     files["README.md"] = (ROOT / "release" / "core_readme.md").read_bytes()
-    files["format.md"] = (ROOT / "docs" / "formats" / "clip.md").read_bytes()
+    format_page = (ROOT / "docs" / "formats" / "clip.md").read_text(encoding="utf-8")
+    files["format.md"] = without_links(format_page).replace("players/core/", "core/").encode()
     return write_zip(folder / f"hfx-core-{__version__}.zip", files)
 
 
@@ -174,11 +180,19 @@ def summaries(output: Path) -> None:
     _write(output / f"hfx-{__version__}.cdx.json", bill)
     licences = bill_of_materials.third_party_licences(artefacts)
     _write(output / "THIRD-PARTY-LICENCES.txt", licences)
-    lines = [
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(output).as_posix()}\n"
-        for path in artefacts
-    ]
-    _write(output / "SHA256SUMS", "".join(lines))
+    _write(output / SUMS, sums(output))
+
+
+def sums(folder: Path) -> str:
+    """SHA-256 sums of all files below a folder but the sums themselves, as ``sha256sum`` reads."""
+    names = {
+        path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()
+    }
+    names.pop(SUMS, None)
+    return "".join(
+        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {name}\n"
+        for name, path in sorted(names.items())
+    )
 
 
 def _write(path: Path, text: str) -> None:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Hook of mkdocs for links that leave ``docs/``.
+"""Hook of mkdocs for links that leave ``docs/``, and for the site's map.
 
 Linked pages and pictures of other folders become files of the site under their path in the
-repository. Links to code and folders become text: the site has no copy of them.
+repository. Links to code and folders become text: the site has no copy of them. A map for search
+engines needs the site's address.
 """
 
 from __future__ import annotations
@@ -20,6 +21,13 @@ PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 _QUICK_START = "quick-start.md"  # the README's name in the site: mkdocs takes README.md as an index
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 _COPIED = (".md", ".png", ".svg", ".gif", ".webp")
+
+
+def on_config(config: Any) -> Any:
+    """Leave the map out if the site has no address: all its entries would be empty."""
+    if not config.site_url:
+        config.theme.static_templates.discard("sitemap.xml")
+    return config
 
 
 def on_files(files: Files, config: Any) -> Files:

@@ -8,6 +8,7 @@ import hashlib
 import importlib
 import json
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -328,6 +329,25 @@ def test_first_steps_name_each_package_and_no_other() -> None:
     assert "{" not in make.start_here()
 
 
+def test_the_sums_name_each_file_of_the_folder_but_themselves(tmp_path: Path) -> None:
+    """Read by ``sha256sum`` of GNU, where that is installed."""
+    folders = {"python/a.whl": b"1", "site/assets/b.js": b"2", "START-HERE.md": b"3"}
+    for name, content in folders.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    text = make.sums(tmp_path)
+    (tmp_path / make.SUMS).write_text(text, encoding="utf-8")
+    assert make.sums(tmp_path) == text
+    lines = dict(reversed(line.split("  ")) for line in text.splitlines())
+    assert lines == {name: _sha(content) for name, content in folders.items()}
+    program = shutil.which("sha256sum")
+    if program:
+        command = [program, "--check", "--strict", make.SUMS]
+        assert subprocess.run(command, cwd=tmp_path, check=False).returncode == 0
+        (tmp_path / "START-HERE.md").write_bytes(b"4")
+        assert subprocess.run(command, cwd=tmp_path, check=False).returncode == 1
+
+
 def test_the_core_package_leads_to_first_values_with_files_of_its_own(tmp_path: Path) -> None:
     with zipfile.ZipFile(make.core_package(tmp_path)) as archive:
         names = set(archive.namelist())
@@ -337,7 +357,7 @@ def test_the_core_package_leads_to_first_values_with_files_of_its_own(tmp_path: 
     assert {"examples/c/CMakeLists.txt", "garage.hfxclip"} <= names
     folders = {f"{name.partition('/')[0]}/" for name in names if "/" in name}
     listed = re.findall(r"^\| `([^`]+)`", text, re.MULTILINE)
-    assert all(entry in names | folders for entry in listed) and len(listed) == 5
+    assert all(entry in names | folders for entry in listed) and len(listed) == 6
 
 
 @pytest.fixture
@@ -380,5 +400,7 @@ def test_the_description_for_pypi_works_without_a_clone(
     addresses = re.findall(r"\]\(([^)]*)\)", text)
     relative = [address for address in addresses if not re.match(r"#|https://", address)]
     assert relative == [] and bool(re.search(r"!\[", text)) == bool(repository)
+    captions = [line for line in text.splitlines() if line in ("Guide for creators", "All pages.")]
+    assert captions == [] and "Guide for pipelines" not in re.sub(r"\[.*?\]", "", text)
     for section in ("Supported Blenders", "Quick start", "Limits and safety", "Licence"):
         assert re.search(rf"^##+ {section}$", text, re.MULTILINE), section

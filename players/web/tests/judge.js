@@ -646,6 +646,20 @@ export async function judgeBoard(address) {
   return result;
 }
 
+/** Faults of the garage's axis of seconds: labels at their times, an arrow from 2.5 s to 3 s, nothing before. */
+function wrongAxis(page) {
+  const wrong = [];
+  const labels = [...page.querySelectorAll("#time span")];
+  const [, second] = labels;
+  const width = parseFloat(second?.style.left);
+  if (labels[0]?.textContent !== "0 s" || second?.textContent !== "1") wrong.push("the garage's axis has no seconds");
+  if (labels.some((label, k) => Math.abs(parseFloat(label.style.left) - k * width) > 0.01)) wrong.push("the garage's seconds are uneven");
+  const points = page.querySelector("#time path").getAttribute("d").slice(1).split("L").map((text) => text.split(" ").map(Number));
+  const strongest = (from, to) => Math.max(...points.filter(([x]) => x > from * width / 100 && x < to * width / 100).map(([, y]) => 1 - y));
+  if (strongest(0, 2.4) > 0 || strongest(2.5, 3) < 0.1) wrong.push("the garage's curve has no arrow at 2.5 s");
+  return wrong;
+}
+
 /**
  * Plays the page of the garage for 8 s: patterns begin after the button is pressed, none lasts longer than its
  * dead-man time, and the last of a page without focus is silence.
@@ -654,6 +668,7 @@ export async function judgeGarage(address) {
   const { frame, patterns, contentDocument, contentWindow } = await opened(address);
   const result = { compared: 0, wrong: [] };
   if (patterns.length) result.wrong.push("the garage vibrates before its button is pressed");
+  result.wrong.push(...wrongAxis(contentDocument));
   contentDocument.getElementById("play").click();
   await wait(8000);
   contentDocument.hasFocus = () => false;

@@ -4,7 +4,7 @@ class_name HapticClip
 extends Resource
 ## A clip made by HFX (.hfxclip): what each actuator of each device plays over time.
 ##
-## Reads the baked part of docs/formats/clip.md, and names of the spatial part. Bytes are checked as a whole once, when they are
+## Reads the recorded values of a clip, and names of its spatial part. Bytes are checked as a whole once, when they are
 ## imported or given to [method from_bytes].
 
 const MAGIC := "48465843 4c49500a"
