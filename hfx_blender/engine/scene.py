@@ -174,6 +174,7 @@ class HapticSurface:
     reach_m: float = 0.005  # largest distance of touching skin
     max_contacts: int = 100  # simultaneous; fingertips first, then the nearest vertices
     uv_m: tuple[float, float] = (0.0, 0.0)  # size of a UV unit; 0 without a UV map
+    law: ContactLaw | None = None  # None: samples without forces
 
 
 @dataclass(frozen=True, eq=False)

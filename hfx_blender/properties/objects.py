@@ -331,9 +331,9 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
     )
 
     stiffness: _force(
-        "Stiffness (N/m)", "Force for each metre of depth in the volume. 0: no force", 0.0, 1e4
+        "Stiffness (N/m)", "Force for each metre of depth in the object. 0: no force", 0.0, 1e4
     )
-    damping: _force("Damping (N s/m)", "Force for each m/s of speed into the volume", 0.0, 100.0)
+    damping: _force("Damping (N s/m)", "Force for each m/s of speed into the object", 0.0, 100.0)
     friction: _force("Friction", "Force along the boundary, as a share of the normal force", 0.3, 2)
 
     surface: PointerProperty(

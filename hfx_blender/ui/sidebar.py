@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import bpy
 import bpy.utils.previews
 
+from ..blender.translation import translated
 from ..operators.shared import draw_wrapped
 
 
@@ -33,6 +34,12 @@ def draw_with_unit(layout: bpy.types.UILayout, data: object, name: str, text: st
     row.use_property_split = False  # split labels are too narrow for units
     row.prop(data, name, text=text)
     row.prop_decorator(data, name)
+
+
+def draw_contact_law(layout: bpy.types.UILayout, hfx: bpy.types.PropertyGroup) -> None:
+    """Draw the stiffness of a volume or surface and, above 0, damping and friction."""
+    for name in ("stiffness", "damping", "friction")[: 3 if hfx.stiffness > 0.0 else 1]:
+        draw_with_unit(layout, hfx, name, translated(hfx.bl_rna.properties[name].name))
 
 
 def draw_text(

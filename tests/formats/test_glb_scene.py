@@ -19,11 +19,14 @@ from hfx_blender.engine.scene import (
     BodyDescription,
     EffectBlock,
     EffectDescription,
+    HapticSurface,
     HapticVolume,
     SceneDescription,
     SurfaceBinding,
     TimeBase,
 )
+from hfx_blender.engine.texture.haptic_map import SurfaceRenderer, SurfaceTexture
+from hfx_blender.engine.texture.height_field import HeightField
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff
@@ -229,3 +232,42 @@ def test_a_mesh_with_a_contact_law_has_a_haptic_material(tmp_path):
         }
         jsonschema = pytest.importorskip("jsonschema")
         jsonschema.Draft7Validator(schema).validate(extras)
+
+
+def recorded_surface(vertices, triangles, law):
+    """Recorder of a surface; ``vertices`` (T or 1, V, 3)."""
+    flat = HeightField(np.zeros((2, 2)), (1e-3, 1e-3))
+    texture = SurfaceTexture(flat, None, SurfaceRenderer.TEXTILE)
+    area = HapticSurface(triangles, np.zeros((len(triangles), 3, 2)), texture, law=law)
+    effect = EffectDescription("e", "Table", "vibration", "hfx-vibration-1", area)
+    time = TimeBase(Fraction(24), Fraction(24), 1, 1, COUNT)
+    recorder = glb_scene.VolumeRecorder(SceneDescription(time, (), (effect,)))
+    values = np.tile([9.0, 160.0], (COUNT, 1))
+    block = EffectBlock(np.ones(COUNT), values, STILL, vertices=vertices)
+    recorder.add(AnimationBlock(np.arange(COUNT), (block,), ()))
+    return recorder
+
+
+def test_a_surface_with_a_contact_law_is_in_the_scene(tmp_path):
+    law = ContactLaw(800.0, 5.0, 0.25)
+    sheet = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    plain, _, result = written(recorded_surface(sheet[None], triangles, None), tmp_path)
+    assert "extensions" not in plain and not result.notes
+    actual, data, result = written(recorded_surface(sheet[None], triangles, law), tmp_path)
+    (node,) = [n for n in actual["nodes"] if "hfx_effect" in n.get("extras", {})]
+    assert node["extras"]["shape"] == "surface" and not result.notes
+    # The placement scales the axes by 1, 2 and 3.
+    assert node["extras"]["size_m"] == pytest.approx([2.0, 2.0, 0.0])
+    assert node["extras"]["contact_law"]["friction"] == 0.25
+    materials = actual["extensions"]["MPEG_haptic_material"]["materials"]
+    assert materials[0]["stiffness"][0]["extras"]["full_scale"] == 800.0
+    trimesh = pytest.importorskip("trimesh")
+    loaded = trimesh.load(io.BytesIO(data), file_type="glb", process=False)
+    assert sorted(len(mesh.faces) for mesh in loaded.geometry.values())[0] == 2
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    jsonschema.Draft7Validator(schema).validate(node["extras"])
+    moving = sheet + np.linspace(0.0, 1.0, COUNT)[:, None, None]
+    _, _, result = written(recorded_surface(moving, triangles, law), tmp_path)
+    assert "changes its shape" in result.notes[0]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from ..active_rows import ActiveEffect, followed, with_pose
-from ..arrays import I64, Bool
+from ..arrays import F64, I64, Bool
 from ..contact import contacts
 from ..contact.broad_phase import BlockBroadPhase
 from ..contact.contact_force import contact_forces
@@ -111,8 +111,7 @@ class AllocentricAreas:
             run = self._samples_of(replace(active, animated=animated, rows=hits.rows), body, hits)
             if run is None or volume.law is None:
                 return run
-            times = self._builder.scene.time.times_s(block.indices)
-            steps = np.diff(times if block.live_s is None else block.live_s, prepend=np.nan)
+            steps = self._steps_s(block)
             steps[np.setdiff1d(np.arange(len(steps)), rows[follows])] = 0.0
             forces = contact_forces(volume.law, animated, hits, skin, pose, steps)
             return replace(run, forces_n=forces, sets=None)
@@ -186,7 +185,8 @@ class AllocentricAreas:
         skin = self._builder.skins.of(body, active.effect.model_id)
         bounds = reach.bounds(body, active.effect.model_id)
         active = replace(active, rows=rows)
-        samples = self._surfaces.evaluate(active, body.id, skin, pose, bounds)
+        steps_s = self._steps_s(active.block)
+        samples = self._surfaces.evaluate(active, body.id, skin, pose, bounds, steps_s)
         if samples is None:
             return None
         run = self._builder.run(
@@ -198,7 +198,15 @@ class AllocentricAreas:
             weights=samples.weights,
             depth_m=samples.distance_m if "depth" in self._builder.record else None,
         )
-        return replace(run, parameters=samples.parameters)
+        run = replace(run, parameters=samples.parameters)
+        if samples.forces_n is None:
+            return run
+        return replace(run, forces_n=samples.forces_n, sets=None)
+
+    def _steps_s(self, block: AnimationBlock) -> F64:
+        """Time (T,) of each row of a block since the row before, seconds; NaN for the first."""
+        times = self._builder.scene.time.times_s(block.indices)
+        return np.diff(times if block.live_s is None else block.live_s, prepend=np.nan)
 
     def _with_pose(self, rows: I64, pose: PoseBlock, posed: I64, body: BodyDescription) -> I64:
         """Rows at which the body was read (enabled) and the pose is known; warns of rows read

@@ -11,6 +11,7 @@ from ..active_rows import ActiveEffect, followed
 from ..arrays import F32, F64, I32, I64, Bool
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
+from ..contact.contact_force import surface_forces
 from ..contact.reachable_bounds import ReachableBounds
 from ..counters import Counters
 from ..modality import MODALITIES
@@ -36,6 +37,7 @@ class SurfaceSamples:
     vertices: I32  # (total,) ascending within a row
     weights: F32  # (total,) amplitude relative to the strongest, in (0, 1]
     distance_m: F32  # (total,) from the surface
+    forces_n: F32 | None = None  # (total, 3) of a surface with a contact law
 
     @property
     def parameters(self) -> F64:
@@ -61,10 +63,12 @@ class SurfaceEffects:
         skin: BodySkin,
         pose: PoseBlock,
         bounds: ReachableBounds,
+        steps_s: F64,
     ) -> SurfaceSamples | None:
         """Contacts of a body with a surface at the active rows; None without any above 0. Rows
         without a finite placement are left out, with a warning. The pose is known at the active
-        rows; ``bounds`` are cluster boxes at all rows with a known pose."""
+        rows; ``bounds`` are cluster boxes at all rows with a known pose. ``steps_s`` (T,) is the
+        time since the row before; set to 0, in place, where that has no contact to continue."""
         effect, animated, block = active.effect, active.animated, active.block
         area = effect.area
         assert isinstance(area, HapticSurface)
@@ -100,6 +104,7 @@ class SurfaceEffects:
         if len(vertices) > 1:
             vertices = vertices[rows]
         matrices = animated.matrices[rows]
+        steps_s[np.setdiff1d(np.arange(len(steps_s)), rows[follows])] = 0.0
         self._counters.volume_tests += int(np.count_nonzero(reported))
         time, ids, points = self._near(area, matrices, vertices, skin, pose, bounds, rows)
         parts = []
@@ -115,7 +120,11 @@ class SurfaceEffects:
             )
             rendered = tracked.renderer.render(paths)
             own = rows[part], reported[part]
-            parts.append(_gathered(paths, *rendered, animated, *own, area.texture.device))
+            forces = None
+            if area.law is not None:
+                forces = surface_forces(area, animated, paths, own[0], skin, pose, steps_s)
+            device = area.texture.device
+            parts.append(_gathered(paths, *rendered, animated, *own, device, forces))
         if tracked.follower.crowded:
             text = f"surface '{effect.name}' touches more than {area.max_contacts} vertices"
             self._counters.warn(
@@ -204,11 +213,14 @@ def _gathered(
     rows: I64,
     reported: Bool,
     device: DeviceRange,
+    forces_n: F32 | None,
 ) -> SurfaceSamples | None:
-    """Samples of the contacts with drive above 0 at ``reported`` rows; None without any. Amplitude
+    """Samples of the contacts with drive or force at ``reported`` rows; None without any. Amplitude
     and frequency of a row are of the strongest contact, weights relative to it. ``drive`` and
-    ``frequency`` (contacts,) are rendered; a frequency of 0 means that of the effect."""
-    contacts = np.flatnonzero((drive > 0.0) & reported[np.maximum(paths.time, 0)])
+    ``frequency`` (contacts,) are rendered; a frequency of 0 means that of the effect. ``forces_n``
+    (contacts, 3); None without a contact law."""
+    is_felt = drive > 0.0 if forces_n is None else (drive > 0.0) | forces_n.any(axis=1)
+    contacts = np.flatnonzero(is_felt & reported[np.maximum(paths.time, 0)])
     if not len(contacts):
         return None
     time = paths.time[contacts]
@@ -232,6 +244,7 @@ def _gathered(
         vertices=paths.ids[contacts].astype(np.int32),
         weights=shares.astype(np.float32),
         distance_m=paths.distance_m[contacts].astype(np.float32),
+        forces_n=None if forces_n is None else forces_n[contacts],
     )
 
 
@@ -241,9 +254,8 @@ def _joined(parts: list[SurfaceSamples]) -> SurfaceSamples | None:
     if not parts:
         return None
     before = np.cumsum([0, *(part.offsets[-1] for part in parts)])
-    joined = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("rows", "amplitude_m_s2", "frequency_hz", "vertices", "weights", "distance_m")
-    }
+    names = ["rows", "amplitude_m_s2", "frequency_hz", "vertices", "weights", "distance_m"]
+    names += [] if parts[0].forces_n is None else ["forces_n"]
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     offsets = [part.offsets[:-1] + start for part, start in zip(parts, before, strict=False)]
     return SurfaceSamples(**joined, offsets=np.concatenate([*offsets, before[-1:]]))

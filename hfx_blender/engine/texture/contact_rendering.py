@@ -99,8 +99,6 @@ class ContactRenderer:
         carried, blocks, steps = paths.carried, self._blocks, self._steps
         stored = self._history[:carried].reshape(-1, steps)
         new = self._new_heights(field, paths)
-        if not len(paths) or paths.time[carried:].max(initial=0) == 0:
-            return self._at_once(new, paths, moving)
         heights = np.concatenate([stored, new])
         # Row of heights before each row; for a new contact the row itself, as of a resting finger.
         back = np.arange(-1, len(heights) - 1)
@@ -114,21 +112,6 @@ class ContactRenderer:
         self._history = self._windows(heights, back, last + shift)
         windows = self._windows(heights, back, moving + shift)
         return windows.reshape(len(moving), blocks * steps)[:, -self._window :]
-
-    def _at_once(self, new: F64, paths: ContactPaths, moving: I64) -> F64:
-        """Windows as :meth:`_heights`, with heights ``new`` (n, steps) of a single time."""
-        before = paths.before[paths.carried :]
-        fresh = (before < 0).nonzero()[0]
-        history = np.zeros((len(new), self._blocks, self._steps))
-        history[:, -1] = new
-        if len(fresh) < len(new):
-            history[:, :-1] = self._history.take(np.maximum(before, 0), axis=0)[:, 1:]
-        # A new contact starts with a constant history, without a step.
-        if len(fresh):
-            history[fresh] = new[fresh, None]
-        self._history = history
-        windows = history if len(moving) == len(new) else history[moving - paths.carried]
-        return windows.reshape(len(moving), self._blocks * self._steps)[:, -self._window :]
 
     def _windows(self, heights: F64, back: I64, which: I64) -> F64:
         """Heights (n, blocks, steps): rows ``which`` (n,), each after ``blocks - 1`` rows before,

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scene as glTF: bodies, haptic volumes as moving nodes, and draft MPEG triggers.
 
+A haptic surface with a contact law is such a node, too; other surfaces are not in the scene.
+
 Each volume is a trigger of the draft extension ``MPEG_interactivity`` (ISO/IEC 23090-14; Khronos
 pull request 2503): a collision with the body plays perceptions of a companion HJIF file. The
 extensions are used, not required: any reader shows bodies and moving nodes. A mesh with a contact
@@ -19,19 +21,21 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.active_rows import FARTHEST
-from ...engine.arrays import F64, I64
+from ...engine.arrays import F64, I32, I64
 from ...engine.body.model import PerceptualModel
 from ...engine.modality import MODALITIES, neutral_temperature_c
 from ...engine.response_filters.controls import ContactLaw
 from ...engine.scene import (
     AnimationBlock,
+    EffectBlock,
     EffectDescription,
+    HapticSurface,
     HapticVolume,
     SceneDescription,
     TimeBase,
 )
 from ...engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
-from ...engine.volume.shape import Shape
+from ...engine.volume.shape import Falloff, Shape
 from ...files.atomic import atomic_file
 from ...files.strict_json import clean
 from ..pictures.png import encoded
@@ -77,6 +81,7 @@ class VolumeRecorder:
             k: _Volume(effect)
             for k, effect in enumerate(scene.effects)
             if isinstance(effect.area, HapticVolume)
+            or (isinstance(effect.area, HapticSurface) and effect.area.law is not None)
         }
 
     def add(self, block: AnimationBlock) -> None:
@@ -86,16 +91,16 @@ class VolumeRecorder:
         for k, volume in self._volumes.items():
             effect = block.effects[k]
             # A volume that is off in the whole block was not read.
-            if effect.matrices is None or not effect.shapes:
+            shapes = _shapes(volume.effect, effect)
+            if effect.matrices is None or not shapes:
                 continue
             finite = (np.abs(effect.matrices[rows]) <= FARTHEST).all(axis=(1, 2))
             finite &= np.isfinite(effect.parameters[rows]).all(axis=1)
             finite &= effect.levels[rows] > 0.0  # rows of inactive samples are undefined
             if not finite.any():
                 continue
-            shape = effect.shapes[0]
-            volume.shape = volume.shape or shape
-            volume.changes_shape |= len(effect.shapes) > 1 or type(volume.shape) is not type(shape)
+            volume.shape = volume.shape or shapes[0]
+            volume.changes_shape |= len(shapes) > 1 or type(volume.shape) is not type(shapes[0])
             volume.indices.append(block.indices[rows][finite])
             volume.matrices.append(effect.matrices[rows][finite])
             values = np.column_stack([effect.levels[rows], effect.parameters[rows]])
@@ -181,6 +186,7 @@ class VolumeRecorder:
         indices, matrices = np.concatenate(volume.indices), np.concatenate(volume.matrices)
         placed = to_gltf(matrices)
         effect = volume.effect
+        assert isinstance(effect.area, HapticVolume | HapticSurface)
         node: dict[str, Any] = {
             "name": clean(effect.name),
             "extras": _volume_extras(
@@ -196,7 +202,7 @@ class VolumeRecorder:
             item: dict[str, Any] = {
                 "primitives": [{"attributes": attributes, "indices": triangles}]
             }
-            if isinstance(effect.area, HapticVolume) and effect.area.law is not None:
+            if effect.area.law is not None:
                 coordinates = np.full((len(mesh.vertices), 2), 0.5)
                 attributes["TEXCOORD_0"] = document.accessor(coordinates, is_vertex=True)
                 item["extensions"] = {_MATERIAL: {"hapticMaterialIndex": len(materials)}}
@@ -217,14 +223,33 @@ class VolumeRecorder:
         return index
 
 
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """Mesh of a haptic surface, which need not be closed."""
+
+    vertices: F64  # (V, 3) object space
+    triangles: I32  # (F, 3)
+
+    @property
+    def bounds(self) -> F64:
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+
+def _shapes(effect: EffectDescription, block: EffectBlock) -> Sequence[Any]:
+    """Shapes of an effect in a block, one mesh for each change of a surface; empty if not read."""
+    if not isinstance(effect.area, HapticSurface) or block.vertices is None:
+        return block.shapes
+    return [_Sheet(vertices, effect.area.triangles) for vertices in block.vertices]
+
+
 def _volume_extras(
     effect: EffectDescription, shape: Shape, matrices: F64, values: F64, time: TimeBase
 ) -> dict[str, Any]:
     """Extras of a volume's node, sufficient for a collider.
     ``docs/formats/scene-volume.schema.json`` is the schema. ``matrices`` (T, 4, 4): shape space to
     world at active samples; ``values`` (T, 1 + P): level and parameters at these samples."""
-    assert isinstance(effect.area, HapticVolume)
-    falloff = effect.area.falloff
+    assert isinstance(effect.area, HapticVolume | HapticSurface)
+    falloff = getattr(effect.area, "falloff", Falloff())
     # Edge lengths in world space: columns of the matrix scale the extents of the shape.
     edges = np.linalg.norm(matrices[0, :3, :3], axis=0) * np.diff(shape.bounds, axis=0)[0]
     names = MODALITIES[effect.modality].parameter_names
@@ -242,7 +267,7 @@ def _volume_extras(
         "hfx_effect": clean(effect.id),
         "modality": effect.modality,
         "model": effect.model_id,
-        "shape": _SHAPES.get(type(shape), "mesh"),
+        "shape": _SHAPES.get(type(shape), "surface" if isinstance(shape, _Sheet) else "mesh"),
         "size_m": edges.round(6).tolist(),
         "level": _range(values[:, 0]),
         "parameters": parameters,

@@ -113,7 +113,8 @@ def surface_area(
         tile_m = [0.0, 0.0]
         coordinates = surface_uv.projected(mesh, effect.name, world) * unit_m
     uv_m = float(tile_m[0]), float(tile_m[1])
-    return HapticSurface(mesh_arrays.triangles(mesh), coordinates, texture, uv_m=uv_m)
+    law = effect_values.contact_law(effect.hfx)
+    return HapticSurface(mesh_arrays.triangles(mesh), coordinates, texture, uv_m=uv_m, law=law)
 
 
 class SurfaceVertices:

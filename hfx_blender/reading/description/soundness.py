@@ -160,7 +160,7 @@ def _counts(obj: bpy.types.Object, bad: BadValue) -> bool:
             return name == "radius"
         return hfx.kind == "VOLUME" and (name == "shape" or name in SIZES.get(hfx.shape, ()))
     if name in effect_values.LAW:
-        return hfx.kind == "VOLUME" and (name == "stiffness" or hfx.stiffness > 0.0)
+        return hfx.kind in ("VOLUME", "SURFACE") and (name == "stiffness" or hfx.stiffness > 0.0)
     only = {"response": "VOLUME", "surface": "SURFACE", "path_position": "SPOT"}
     only |= {"drive": "ACTUATORS", "device": "ACTUATORS"}
     return hfx.kind == only[name] if name in only else True

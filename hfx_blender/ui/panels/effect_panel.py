@@ -21,7 +21,7 @@ from ...operators.effects.effect_operators import active_vector, active_volume
 from ...operators.paths.path_drawing import MODES
 from ...operators.paths.path_operators import active_spot
 from ...operators.shared import active_effect, painted_effect
-from ..sidebar import HfxPanel, draw_text, draw_with_unit
+from ..sidebar import HfxPanel, draw_contact_law, draw_text, draw_with_unit
 from .effects_panel import draw_moving
 
 _LOCKED = "The effect belongs to a linked file: its settings are greyed out"
@@ -82,9 +82,7 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             for name in _DIMENSIONS[hfx.shape]:
                 layout.prop(hfx, name)
             _draw_falloff(layout, hfx)
-            for name in ("stiffness", "damping", "friction")[: 3 if hfx.stiffness > 0.0 else 1]:
-                label = hfx.bl_rna.properties[name].name
-                draw_with_unit(layout, hfx, name, translated(label))
+            draw_contact_law(layout, hfx)
         else:
             is_bodiless = effects.body_in(context.scene, effect) is None
             if is_bodiless or len(effects.bodies_of(context.scene)) > 1:

@@ -10,7 +10,7 @@ from ...files.kinds import GENERATED_SUFFIX, PICTURE_SUFFIXES
 from ...operators.shared import active_armature
 from ...operators.surfaces import generation_operators
 from ...operators.surfaces.surface_operators import active_surface
-from ..sidebar import HfxPanel, PictureIcons, draw_text, draw_with_unit
+from ..sidebar import HfxPanel, PictureIcons, draw_contact_law, draw_text, draw_with_unit
 
 _SOURCE_FIELDS = {
     "MATERIAL": ("resolution", "height_mm"),
@@ -142,6 +142,7 @@ class HFX_PT_surface_felt(SurfacePanel, bpy.types.Panel):
             if settings.renderer == "TEXTILE":
                 layout.prop(hfx, "frequency", text="Carrier (Hz)")
         layout.prop(settings, "sound")
+        draw_contact_law(layout, hfx)
 
 
 class HFX_PT_surface_calibration(SurfacePanel, bpy.types.Panel):

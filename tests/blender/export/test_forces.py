@@ -17,6 +17,8 @@ import pytest
 from hfx_blender.authoring.effects import effect_exchange, effect_file
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.live import approval
+from hfx_blender.engine.body.model import load_model
+from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.scene_export import ExportSettings, export_scene
@@ -151,3 +153,34 @@ def test_an_effect_file_keeps_the_law(pushed: Any, tmp_path: Path) -> None:
     ball.hfx.stiffness = 0.0
     effect_file.save(effect_exchange.sensation_of(pushed, [ball], "Push"), path)
     assert "law" not in path.read_text()
+
+
+def test_a_surface_pushes_skin_behind_its_faces(scene: Any, tmp_path: Path) -> None:
+    """A plate 2 mm above the lowest fingertip pushes it up by stiffness times depth."""
+    bpy.ops.hfx.add_avatar()
+    scene.frame_start, scene.frame_end = 1, 3
+    model = oracle.model_object(scene, oracle_body(), "vibration")
+    places = oracle.world_vertices(scene, model)
+    fingers = load_model("hfx-vibration-1").part == PARTS.index("fingers")
+    tip = places[fingers][np.argmin(places[fingers, 2])]
+    top_m = float(tip[2]) + 2e-3
+    bpy.ops.mesh.primitive_plane_add(size=0.04, location=(tip[0], tip[1], top_m))
+    floor = bpy.context.object
+    bpy.ops.hfx.add_surface(source="PROCEDURAL", procedural="wood-oak")
+    floor.hfx.stiffness, floor.hfx.friction = STIFFNESS, 0.0
+    folder = exported(scene, tmp_path, "track", "jsonl", "glb")
+    actual = samples(folder)
+    assert len(actual) >= 3
+    for sample in actual:
+        depths = np.maximum(top_m - places[sample.vertices, 2], 0.0)
+        expected = np.zeros((len(depths), 3))
+        expected[:, 2] = STIFFNESS * depths
+        np.testing.assert_allclose(sample.forces_n, expected, atol=1e-3)
+        assert expected.max() == pytest.approx(STIFFNESS * 2e-3)
+        assert sample.parameters[0] == 0.0  # nothing slides
+    lines = list(jsonl_rules.read(folder / "x.samples.jsonl"))
+    first = next(line for line in lines if line["type"] == "sample")
+    np.testing.assert_allclose(first["forces_n"], actual[0].forces_n, atol=1e-4)
+    nodes = glb.read_json((folder / "x.scene.glb").read_bytes(), "x")["nodes"]
+    (extras,) = [n["extras"] for n in nodes if "hfx_effect" in n.get("extras", {})]
+    assert extras["shape"] == "surface" and extras["contact_law"]["stiffness_n_m"] == STIFFNESS

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from gratings import grating
 from hfx_blender.engine.body.model import PerceptualModel, load_model
 from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.evaluate import Engine
+from hfx_blender.engine.response_filters.controls import ContactLaw
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (
     AnimationBlock,
@@ -266,3 +268,113 @@ def test_ignored_contacts_and_positions_are_reported_by_name(hand: PerceptualMod
         ] == crowded
         assert [n for text, n in warnings.items() if "not a finite number" in text] == [1]
         assert all("surface 'Table'" in text for text in warnings)
+
+
+LAW = ContactLaw(800.0, 4.0, 0.5)
+DEPTH_M = 1e-3  # of the sheet above the lowest vertex, at the first sample
+
+
+def _pushed(
+    model: PerceptualModel,
+    offsets: np.ndarray,
+    cuts: tuple[int, ...] = (),
+    mirrored: bool = False,
+    levels: np.ndarray | None = None,
+) -> list[SampleRun]:
+    """Runs of a sheet with a contact law, in blocks that end at ``cuts``."""
+    scene = _scene(_texture(SurfaceRenderer.MCHA), len(offsets), model)
+    (table,) = scene.effects
+    assert isinstance(table.area, HapticSurface)
+    lawful = replace(scene, effects=(replace(table, area=replace(table.area, law=LAW)),))
+    engine = Engine(lawful, models=lambda _: model, tolerance=PAPER)
+    runs = []
+    for first, stop in pairwise((0, *cuts, len(offsets))):
+        indices = np.arange(max(first - 1, 0), stop)
+        chosen = None if levels is None else levels[indices]
+        block = _block(model, offsets[indices], indices, int(first > 0), chosen)
+        if mirrored:
+            assert block.effects[0].matrices is not None
+            block.effects[0].matrices[:, 0, 0] = -1.0
+        runs += engine.evaluate(block)
+    return runs
+
+
+def _expected(model: PerceptualModel, vertices: np.ndarray, top_m: float, velocity: np.ndarray):
+    """Spring, damper and friction of a level sheet at height ``top_m`` above the lowest fingertip
+    vertex, written out for each vertex; ``velocity`` of the skin relative to the sheet."""
+    fingers = np.flatnonzero(model.part == FINGERS)
+    lowest = model.vertices[fingers, 2].min().astype(float)
+    forces = []
+    for height in model.vertices[vertices, 2].astype(float):
+        depth = lowest + top_m - height
+        normal = max(0.0, 800.0 * depth - 4.0 * velocity[2]) if depth > 0.0 else 0.0
+        speed = np.hypot(velocity[0], velocity[1])
+        share = 0.5 * normal / max(speed, 1e-3)
+        forces.append([-share * velocity[0], -share * velocity[1], normal])
+    return np.array(forces)
+
+
+def test_a_sheet_pushes_by_depth_speed_and_friction(hand: PerceptualModel) -> None:
+    steps = np.array([-1e-3, 0.5e-3, 1e-4])  # of the sheet, for each sample: 100 Hz
+    offsets = [0.0, 0.0, DEPTH_M] + np.arange(6)[:, None] * steps
+    (run,) = _pushed(hand, offsets)
+    np.testing.assert_array_equal(run.indices, np.arange(6))  # also before it slides
+    for k, sample in enumerate(run):
+        velocity = -100.0 * steps if k else np.zeros(3)
+        expected = _expected(hand, sample.vertices, offsets[k, 2], velocity)
+        assert sample.forces_n is not None
+        np.testing.assert_allclose(sample.forces_n, expected, atol=2e-5)
+        assert expected[:, 2].max() > 0.5  # 800 N/m times 1 mm, and 4 N s/m times 1 cm/s
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_resting_finger_is_pushed_and_feels_no_vibration(
+    hand: PerceptualModel, mirrored: bool
+) -> None:
+    offsets = np.tile([0.0, 0.0, DEPTH_M], (4, 1))
+    (run,) = _pushed(hand, offsets, mirrored=mirrored, levels=np.array([1.0, 1.0, 0.25, 1.0]))
+    assert run.parameters[:, 0].tolist() == [0.0] * 4
+    for sample, level in zip(run, (1.0, 1.0, 0.25, 1.0), strict=True):
+        expected = level * _expected(hand, sample.vertices, DEPTH_M, np.zeros(3))
+        assert sample.forces_n is not None
+        np.testing.assert_allclose(sample.forces_n, expected, atol=2e-5)
+
+
+def test_skin_in_front_of_a_surface_is_not_pushed(hand: PerceptualModel) -> None:
+    offsets = _slide(4) - [0.0, 0.0, 1e-3]
+    (run,) = _pushed(hand, offsets)
+    assert run.forces_n is not None and not run.forces_n.any()
+    assert _pushed(hand, np.tile([0.0, 0.0, -1e-3], (4, 1))) == []
+
+
+def test_forces_of_a_surface_do_not_depend_on_the_cut_into_blocks(hand: PerceptualModel) -> None:
+    offsets = _slide(8) + [0.0, 0.0, DEPTH_M] + np.arange(8)[:, None] * [0.0, 0.0, 1e-4]
+    (whole,) = _pushed(hand, offsets)
+    parts = _pushed(hand, offsets, cuts=(3, 4))
+    assert len(parts) == 3
+    joined = np.concatenate([run.forces_n for run in parts])
+    np.testing.assert_array_equal(np.concatenate([run.vertices for run in parts]), whole.vertices)
+    np.testing.assert_allclose(joined, whole.forces_n, atol=1e-6)
+
+
+def test_a_blade_does_not_push_skin_beside_its_edge(hand: PerceptualModel) -> None:
+    """A wedge of 20 degrees with its edge below a fingertip: the normals of both sides are 160
+    degrees apart, so the plane of one side has the fingertip behind it."""
+    half = np.tan(np.radians(10.0)) * 0.05
+    points = np.array([[x, y, z] for x in (-0.05, 0.05) for y, z in ((0, 0), (half, -0.05))])
+    points = np.concatenate([points, points[[1, 3]] * [1.0, -1.0, 1.0]])
+    faces = np.array([[0, 2, 3], [0, 3, 1], [0, 5, 2], [0, 4, 5]], np.int32)
+    scene = _scene(_texture(SurfaceRenderer.MCHA), 4, hand)
+    (table,) = scene.effects
+    area = HapticSurface(
+        faces, points[faces][..., :2], _texture(SurfaceRenderer.MCHA), 0.003, law=LAW
+    )
+    engine = Engine(
+        replace(scene, effects=(replace(table, area=area),)), models=lambda _: hand, tolerance=PAPER
+    )
+    for below_m, pushes in ((1e-3, False), (-1e-3, True)):
+        block = _block(hand, _slide(4) - [0.0, 0.0, below_m], np.arange(4))
+        surface = replace(block.effects[0], vertices=points[None])
+        runs = engine.evaluate(replace(block, effects=(surface,)))
+        forces = [run.forces_n for run in runs if run.forces_n is not None]
+        assert any(part.any() for part in forces) is pushes
