@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import getpass
 import importlib
 import os
@@ -37,6 +38,12 @@ _LIBRARIES: Final = {
 }
 """Import name -> what needs the library; "" for a library that is always there."""
 _DISTRIBUTIONS: Final = {"serial": "pyserial", "pythonosc": "python-osc"}
+_OTHER_FOLDERS: Final = re.compile(
+    r"(?<![\w.~:/\\])(?:[A-Za-z]:)?[/\\](?=\S)"
+    r"(?!(?:bin|dev|etc|lib\d*|opt|sbin|usr|Applications|Library|System|Windows|Program Files)\b)"
+    r"[^/\\\":;,()\n]+(?:[/\\][^/\\\":;,()\n]+)*(?=[/\\])"
+)
+"""Folders of an absolute path in a text, up to the last name."""
 
 
 def add_parser(commands: Any) -> None:
@@ -101,15 +108,19 @@ def system_information(blender_fault: str = "") -> dict[str, str]:
 
 
 def without_personal_names(text: str) -> str:
-    """Text with ``~`` in place of the home folder, and ``USER`` in place of the user's name."""
-    home = os.path.expanduser("~")
-    if len(home) > 1:
-        text = text.replace(home, "~")
-    try:
-        user = getpass.getuser()
-    except (OSError, KeyError, ImportError):
-        return text
-    return re.sub(rf"(?<![\w]){re.escape(user)}(?![\w])", "USER", text)
+    """Text with ``~`` in place of the home folder, ``...`` in place of folders outside of the
+    system's, such as mount points, and ``USER`` in place of the user's name."""
+    home = Path(os.path.expanduser("~"))
+    for folder in sorted({str(home), str(home.resolve())}, key=len, reverse=True):
+        if folder != home.anchor:
+            text = re.sub(rf"{re.escape(folder)}(?![\w.-])", "~", text)
+    text = _OTHER_FOLDERS.sub("...", text)
+    names = {home.name}
+    with contextlib.suppress(OSError, KeyError, ImportError):  # a user without an entry
+        names.add(getpass.getuser())
+    for name in names - {""}:
+        text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", "USER", text, flags=re.IGNORECASE)
+    return text
 
 
 def _blender() -> str:

@@ -64,4 +64,37 @@ def test_neither_the_home_folder_nor_the_user_is_named(
     facts = _facts(capsys)
     assert "jane" not in json.dumps(facts)
     assert facts["Folder of settings"] == f"~{os.sep}data (not there yet)"
-    assert facts["Folder of the user's sensations"].startswith(str(tmp_path / "shared" / "USER"))
+    assert facts["Folder of the user's sensations"] == f"...{os.sep}USER (not there yet)"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("/home/jane", "~"),
+        ("/home/jane/.local/share/hfx (read only)", "~/.local/share/hfx (read only)"),
+        ("/home/janet/hfx", ".../hfx"),  # another user's home
+        ("/media/Jane's disk/a b/body_models", ".../body_models"),
+        (
+            "missing (cannot open /mnt/big disk/x.so: no file); needed for OSC",
+            "missing (cannot open .../x.so: no file); needed for OSC",
+        ),
+        ("/Volumes/Customer X/body_models", ".../body_models"),
+        ("D:\\Customer X\\hfx\\body_models", "...\\body_models"),
+        (
+            "/usr/lib/python3/x.so and /opt/blender/y.so",
+            "/usr/lib/python3/x.so and /opt/blender/y.so",
+        ),
+        ("/dev/ttyUSB0 (Belt 2341:0043)", "/dev/ttyUSB0 (Belt 2341:0043)"),
+        ("C:\\Program Files\\Blender\\x.dll", "C:\\Program Files\\Blender\\x.dll"),
+        ("HDMI / Line 1/2 (2 channels)", "HDMI / Line 1/2 (2 channels)"),
+        ("Jane's AirPods (2 channels), Janet", "USER's AirPods (2 channels), Janet"),
+        ("https://example.org/a/b", "https://example.org/a/b"),
+    ],
+)
+def test_folders_of_a_person_are_not_named(
+    text: str, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable in ("LOGNAME", "USER", "LNAME", "USERNAME"):
+        monkeypatch.setenv(variable, "jane")
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path.replace("~", "/home/jane"))
+    assert doctor.without_personal_names(text) == expected
