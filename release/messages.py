@@ -49,6 +49,7 @@ _NO_TEXT = {
     "NONE",
     *("not {0}", "item {0}", "degree {0}", "weave {0}", "a datablock {0}"),
     *("latin-1", "module {0} has no attribute {1}", "born_until_s not before born_from_s"),
+    "User Interface",
     *("live track", "live source", "live mutes", "live forget"),
     "numpy scipy trimesh fast_simplification serial sounddevice websockets",
     "Scene Screen WindowManager WorkSpace Collection Material World Camera Light Brush Image",

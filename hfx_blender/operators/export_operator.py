@@ -12,8 +12,8 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..authoring import clips
-from ..authoring.effects import swarms
+from ..authoring import clips, painting
+from ..authoring.effects import effects, swarms
 from ..blender.events import add_handlers, remove_handlers
 from ..blender.translation import translated
 from ..errors import InputError
@@ -98,11 +98,22 @@ def _choose_purpose(operator: HFX_OT_export, number: int) -> None:
         operator.formats = formats
 
 
+def _has_area(context: bpy.types.Context) -> bool:
+    """Test for an effect that is not painted, has an area, or is being painted; True without
+    effects in the scene itself."""
+    own = effects.effects_of(context.scene)
+    return not own or any(
+        effect.hfx.kind != "PAINTED" or effect.get(effects.VERTICES) or painting.canvas_of(effect)
+        for effect in own
+    )
+
+
 class HFX_OT_export(StepwiseExport, ExportHelper):
     """Record the scene's haptic track, and what its devices play, into a folder"""
 
     bl_label = "Export Haptics"
     bl_options = {"REGISTER", "PRESET"}
+    requires = (*StepwiseExport.requires, (_has_area, "Paint the effect first: it has no area yet"))
 
     filter_glob: StringProperty(default=f"*{_TRACK}", options={"HIDDEN"})
     formats: EnumProperty(
@@ -241,7 +252,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             formats = tuple(id for id in formats if id not in of_devices)
         if not formats:
             raise InputError("Choose at least one format to export.")
-        path = Path(bpy.path.abspath(self.filepath))
+        path = Path(bpy.path.abspath(self.filepath)).absolute()
         if not self.filepath or path.is_dir():
             raise InputError(f"Choose a file to export to; '{self.filepath}' is not a file name.")
         settings = ExportSettings(

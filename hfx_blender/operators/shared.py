@@ -234,7 +234,7 @@ class FileOperator(HfxOperator):
         """Chosen file as an absolute path. Raises InputError: no file was chosen."""
         if not self.filepath:
             raise InputError("Choose a file.")
-        return Path(bpy.path.abspath(self.filepath))
+        return Path(bpy.path.abspath(self.filepath)).absolute()
 
 
 class ModalTimer:

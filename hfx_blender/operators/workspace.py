@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 
@@ -28,7 +28,7 @@ _LOW_SHARE = 0.18  # of the height, for that timeline: five rows
 _CLIPS_SHARE = 0.6  # of the remaining height
 _LEAST_FRAMES = 24.0  # of the NLA editor's view
 _FROM_THE_FRONT = Quaternion((0.743, 0.646, 0.114, 0.131))  # a little from above and aside
-_AGAIN_S = 0.05
+_AGAIN_S = 0.01
 _DRAWN_S = 0.5
 _PATIENCE_S = 30.0
 
@@ -61,7 +61,7 @@ class HFX_OT_workspace(HfxOperator):
         def arrange() -> float | None:
             return _AGAIN_S if not next(steps, True) and time.monotonic() < until else None
 
-        call_soon(arrange, _AGAIN_S)
+        call_soon(arrange)
         return ""
 
 
@@ -108,7 +108,7 @@ def replace_cube_by_avatar(_file: str) -> None:
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[0]):
         bpy.ops.hfx.add_avatar()
     # Persistent: the end of loading would remove the timer.
-    call_soon(_go_to_workspace, _AGAIN_S, outlives_load=True)
+    call_soon(_go_to_workspace, outlives_load=True)
 
 
 _AWAITED: Handlers = {"load_post": replace_cube_by_avatar}
@@ -135,9 +135,10 @@ def _frame_bodies(window: bpy.types.Window) -> None:
 
 def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iterator[bool]:
     """Arrange the areas of a window once it shows a workspace; yields False before each step, as
-    Blender updates the areas between two steps.
+    Blender updates sizes and tabs at the next drawing.
 
-    The viewport with the HFX tab is high, so that list, area and clips of an effect are in view
+    Three steps in successive drawings, during which all areas are editors that draw quickly. The
+    viewport with the HFX tab is high, so that list, area and clips of an effect are in view
     together. Left of it are the Asset Browser with the sensations and the NLA editor. The timeline
     is below all, where its header has room for Blender's buttons; in a low window it is below the
     NLA editor alone. Ends early if the window is closed, or another file opened.
@@ -148,31 +149,32 @@ def _arranging(window: bpy.types.Window, workspace: bpy.types.WorkSpace) -> Iter
         areas = window.screen.areas
         viewports = [area for area in areas if area.type == "VIEW_3D"]
         viewport = max(viewports or areas, key=lambda area: area.width * area.height)
-        viewport.type = "VIEW_3D"
+        viewport.type = "NLA_EDITOR"
         # An area closes into a neighbour with a whole common edge: others close later.
         while any(_close(window, area) for area in areas if area != viewport):
-            yield False
+            pass
         is_tall = window.height >= _TALL * bpy.context.preferences.system.ui_scale
         if is_tall:
-            timeline, viewport = yield from _split(window, viewport, "HORIZONTAL", _LOW_SHARE)
-        left, viewport = yield from _split(window, viewport, "VERTICAL", _LEFT_SHARE)
+            timeline, viewport = _split(window, viewport, "HORIZONTAL", _LOW_SHARE)
+        left, viewport = _split(window, viewport, "VERTICAL", _LEFT_SHARE)
+        yield False  # Blender splits no area without a size
         if not is_tall:
-            timeline, left = yield from _split(window, left, "HORIZONTAL", _TIMELINE_SHARE)
-        clips, browser = yield from _split(window, left, "HORIZONTAL", _CLIPS_SHARE)
+            timeline, left = _split(window, left, "HORIZONTAL", _TIMELINE_SHARE)
+        clips, browser = _split(window, left, "HORIZONTAL", _CLIPS_SHARE)
+        yield False
+        viewport.type, timeline.ui_type, browser.ui_type = "VIEW_3D", "TIMELINE", "ASSETS"
         viewport.spaces.active.show_region_ui = True
         viewport.spaces.active.show_region_tool_header = False  # room for the tab
-        clips.type, timeline.ui_type, browser.ui_type = "NLA_EDITOR", "TIMELINE", "ASSETS"
         clips.spaces.active.show_region_ui = False
         clips.spaces.active.dopesheet.show_missing_nla = False  # rows without clips
         if hasattr(timeline.spaces.active, "show_region_channels"):
             timeline.spaces.active.show_region_channels = False
         timeline.show_menus = False  # room for the buttons of playback
-        # By a timer: Blender sizes the editor at the next drawing.
-        call_soon(partial(_frame_clips, window, clips), _DRAWN_S)
+        yield False
         while not _show_tab(viewport):
             yield False
-        # By a timer, as the sidebar has no width before its drawing.
-        call_soon(partial(_frame_bodies, window), _DRAWN_S)
+        _frame_clips(window, clips)
+        _frame_bodies(window)
         while browser.spaces.active.params is None:  # until its first drawing
             yield False
         browser.spaces.active.show_region_toolbar = False
@@ -188,15 +190,15 @@ def _close(window: bpy.types.Window, area: bpy.types.Area) -> bool:
 
 def _split(
     window: bpy.types.Window, area: bpy.types.Area, direction: str, share: float
-) -> Generator[bool, None, list[bpy.types.Area]]:
+) -> list[bpy.types.Area]:
     """Split an area into the left and right, or lower and upper one; ``share`` is that of the
     first."""
     before = {each.as_pointer() for each in window.screen.areas}
     with bpy.context.temp_override(window=window, screen=window.screen, area=area):
         bpy.ops.screen.area_split(direction=direction, factor=share)
-    yield False  # the sizes are updated
-    added = [each for each in window.screen.areas if each.as_pointer() not in before]
-    return sorted([area, *added], key=lambda each: (each.x, each.y))
+    (added,) = (each for each in window.screen.areas if each.as_pointer() not in before)
+    # Positions are updated at the next drawing. Blender adds the smaller part.
+    return [added, area] if share <= 0.5 else [area, added]
 
 
 def _frame_clips(window: bpy.types.Window, editor: bpy.types.Area) -> None:
@@ -213,6 +215,8 @@ def _frame_clips(window: bpy.types.Window, editor: bpy.types.Area) -> None:
 def _show_tab(viewport: bpy.types.Area) -> bool:
     """Show the HFX tab of a viewport's sidebar; False before the first drawing of the sidebar."""
     sidebar = next((region for region in viewport.regions if region.type == "UI"), None)
+    if sidebar is None or sidebar.width <= 1:  # framing needs its width
+        return False
     try:
         sidebar.active_panel_category = TAB
     except (TypeError, AttributeError):  # no tabs before the first drawing

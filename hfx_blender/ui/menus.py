@@ -175,6 +175,13 @@ def draw_object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         self.layout.menu(HFX_MT_object.bl_idname, icon="VIEW_PAN")
 
 
+def draw_list_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw *Move to Group* in the context menu of the list of effects."""
+    shown = getattr(context, "ui_list", None)
+    if shown is not None and shown.bl_idname == "HFX_UL_effects":
+        self.layout.operator_menu_enum("hfx.move_to_group", "group", icon="GROUP")
+
+
 def draw_nla_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     if active_effect(context) is not None:
         self.layout.separator()
@@ -253,6 +260,7 @@ _ENTRIES = {
     "VIEW3D_MT_add": draw_add_menu,
     "VIEW3D_MT_object_context_menu": draw_object_menu,
     "OUTLINER_MT_object": draw_object_menu,
+    "UI_MT_list_item_context_menu": draw_list_menu,
     "NLA_MT_add": draw_nla_menu,
     "SEQUENCER_MT_context_menu": draw_strip_menu,
     "SEQUENCER_MT_strip": draw_strip_menu,

@@ -72,7 +72,7 @@ def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
         return PageOutput(device, host, port, code, waits=bool(target.get("waits")))
     targets = targets_of(target)
     if len(targets) != max(len(device.parts), 1):
-        text = f"Device '{device.id}' has {len(device.parts)} outputs; {len(targets)} are given."
+        text = f"Device '{device.name}' has {len(device.parts)} outputs; {len(targets)} are given."
         raise OutputLostError(text)
     if kind == "several":
         return JoinedOutputs(device, lambda k: _open_part(device.parts[k], targets[k]))
@@ -94,7 +94,7 @@ def _open_part(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
         raise OutputLostError(f"'{kind}' is not a kind of output; there are: {', '.join(KINDS)}.")
     if kind != kind_of(device):
         named = kind_of(device) or "none"
-        raise OutputLostError(f"Device '{device.id}' is connected by: {named}; not by {kind}.")
+        raise OutputLostError(f"Device '{device.name}' is connected by: {named}; not by {kind}.")
     return _serial(device, target) if kind == "serial" else _network(device, target)
 
 

@@ -199,9 +199,9 @@ def same_port(device: DeviceConfig, name: str, serial_number: str, ports: list[F
         if port.serial == serial_number:
             return port.name
     raise DeviceError(
-        f"Device '{device.id}' was connected with serial number {serial_number[:80]}, which is on "
-        f"no port; on {name} is another one, {at_name[:80]}. To use that, clear 'Which One' when "
-        "you connect it."
+        f"Device '{device.name}' was connected with serial number {serial_number[:80]}, which is "
+        f"on no port; on {name} is another one, {at_name[:80]}. To use that, clear 'Which One' "
+        "when you connect it."
     )
 
 
@@ -217,6 +217,6 @@ def port_of(device: DeviceConfig, ports: list[FoundPort]) -> str:
     there = ", ".join(port.name + text for port, text in zip(ports, texts, strict=True)) or "none"
     if matching:
         raise DeviceError(
-            f"Device '{device.id}' is on several ports ({', '.join(matching)}); choose one."
+            f"Device '{device.name}' is on several ports ({', '.join(matching)}); choose one."
         )
-    raise DeviceError(f"Device '{device.id}' was not found; serial ports: {there}.")
+    raise DeviceError(f"Device '{device.name}' was not found; serial ports: {there}.")

@@ -123,7 +123,7 @@ def named(name: str) -> tuple[DeviceConfig, DeviceScript | None]:
     script = approval.script_of(name, folder)
     if script is not None and not script.is_approved:
         raise UnapprovedScriptError(
-            f"Device '{name}' has the script {script.path}; {approval.how_to_approve(name)}."
+            f"Device '{device.name}' has the script {script.path}; {approval.how_to_approve(name)}."
         )
     return device, script
 
@@ -139,7 +139,7 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
         return {"kind": "simulator", **({"path": settings.path} if settings.path else {})}
     if settings.kind == "CSV":
         if not settings.path:
-            raise DeviceError(f"Device '{device.id}': choose a file for the log.")
+            raise DeviceError(f"Device '{device.name}': choose a file for the log.")
         return {"kind": "csv", "path": str(Path(settings.path))}
     if settings.kind == "AUDIO":
         return {"kind": "audio", "interface": settings.port}
@@ -147,7 +147,7 @@ def target_of(device: DeviceConfig, settings: LiveSettings) -> dict[str, Any]:
         return {"kind": "page", "host": settings.host or "127.0.0.1"}
     if not device.parts:
         raise DeviceError(
-            f"Device '{device.id}': its configuration has no output, so it cannot be driven live."
+            f"Device '{device.name}': its configuration has no output, so it cannot be driven live."
         )
     targets = [_target_of_part(part, settings.of_output(k)) for k, part in enumerate(device.parts)]
     return targets[0] if len(targets) == 1 else {"kind": "several", "outputs": targets}
@@ -169,7 +169,7 @@ def _target_of_part(device: DeviceConfig, settings: LiveSettings) -> dict[str, A
         target["host"] = settings.host
     if settings.port:
         if not settings.port.isdecimal():
-            raise DeviceError(f"Device '{device.id}': '{settings.port}' is no network port.")
+            raise DeviceError(f"Device '{device.name}': '{settings.port}' is no network port.")
         target["port"] = int(settings.port)
     if settings.unit:
         target["unit"] = settings.unit

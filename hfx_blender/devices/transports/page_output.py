@@ -89,7 +89,7 @@ class PageOutput:
             if actuator.type.modality == "vibration"
         ]
         if not shaking:
-            raise OutputLostError(f"Device '{device.id}': a page plays vibration; it has none.")
+            raise OutputLostError(f"Device '{device.name}': a page plays vibration; it has none.")
         self._columns = [column for _, column in shaking]
         self._silence = json.dumps([0.0] * len(shaking))
         self._hello = json.dumps(

@@ -180,7 +180,9 @@ class SoundCard:
         kinds = [a.type for a in device.actuators if a.type.modality == "vibration"]
         self._full_scale = max((kind.strength.highest for kind in kinds), default=0.0)
         if self._full_scale <= 0.0:
-            raise OutputLostError(f"Device '{device.id}' has nothing that vibrates: no sound card.")
+            raise OutputLostError(
+                f"Device '{device.name}' has nothing that vibrates: no sound card."
+            )
         self._name = interface or "the sound card"
         self._first = first_channel - 1
         self._lock = threading.Lock()

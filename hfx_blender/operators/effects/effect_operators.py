@@ -15,6 +15,7 @@ from ...engine.modality import MODALITIES, MODALITY_ITEMS
 from ...export import response_baking
 from ...files import resources
 from ...properties.objects import SHAPES
+from ...text import named
 from ..live.connect_operators import device_items
 from ..shared import (
     IS_EDITABLE,
@@ -176,7 +177,7 @@ class HFX_OT_make_editable(HfxOperator):
         ),
     )
 
-    def work(self, context: bpy.types.Context) -> None:
+    def work(self, context: bpy.types.Context) -> str:
         effect, scene = active_effect(context), context.scene
         if effect.library is not None:
             linked, top = effect, scene.collection
@@ -191,6 +192,9 @@ class HFX_OT_make_editable(HfxOperator):
             effect = next(obj for obj in overrides if obj.override_library.reference == linked)
             select_only(context, effect)
         effect.override_library.is_system_override = False
+        locked = [other for other in effects.effects_of(scene) if effects.is_locked(other)]
+        rest = f"; linked effects stay unchanged: {named([o.name for o in locked])}"
+        return f"1 effect can be changed: '{effect.name}'{rest if locked else ''}"
 
 
 _MODALITIES = (

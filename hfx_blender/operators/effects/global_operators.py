@@ -10,7 +10,16 @@ from ...authoring.effects import effects, global_tools, swarms
 from ...blender.scene_info import animation_fps
 from ...errors import InputError
 from .. import framing
-from ..shared import EnumItems, HfxOperator, OnBodyOperator, kept_items, select_only, target_body
+from ..shared import (
+    EnumItems,
+    HfxOperator,
+    KeyBindings,
+    MenuOperator,
+    OnBodyOperator,
+    kept_items,
+    select_only,
+    target_body,
+)
 
 SCOPES = (
     ("SELECTED", "Selected", "The selected effects"),
@@ -126,13 +135,21 @@ def _groups() -> EnumItems:
     ]
 
 
-class HFX_OT_move_to_group(_SelectedEffects):
+class HFX_OT_move_to_group(_SelectedEffects, MenuOperator):
     """Move the selected effects to a group with a common gain, mute and start. Select them by the
-    dots of the list or with Shift; the menu is below the minus beside the list"""
+    dots of the list or with Shift; the menu is below the minus beside the list. Key over the HFX
+    tab: M"""
 
     bl_label = "Move to Group"
+    bl_property = "group"
 
     group: EnumProperty(name="Group", description="Group of the effects", items=_groups)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Show the groups; a key has an effect in the HFX tab alone."""
+        is_in_tab = getattr(context.region, "active_panel_category", "") == "HFX"
+        is_by_key = event.type == "M" and not self.properties.is_property_set("group")
+        return {"PASS_THROUGH"} if is_by_key and not is_in_tab else super().invoke(context, event)
 
     def work(self, context: bpy.types.Context) -> str:
         chosen, ending = effects.without_locked(swarms.selected_effects(context.scene))
@@ -202,3 +219,7 @@ class HFX_OT_add_rain(OnBodyOperator):
         )
         select_only(context, *rain_objects)
         return f"{round(self.drops_per_second * self.duration)} drops"
+
+
+_keys = KeyBindings("User Interface", ("hfx.move_to_group", "M", {}, {}))
+register, unregister = _keys.register, _keys.unregister

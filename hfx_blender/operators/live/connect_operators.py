@@ -47,6 +47,8 @@ class LiveOperator(HfxOperator):
 
 
 class OfDevice(LiveOperator):
+    bl_options = {"REGISTER", "INTERNAL"}  # Menu Search would name no device
+
     name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
 

@@ -62,7 +62,7 @@ class HFX_OT_run_study(LiveOperator):
         return {"RUNNING_MODAL"}
 
     def work(self, _context: bpy.types.Context) -> str:
-        folder = Path(bpy.path.abspath(self.directory))
+        folder = Path(bpy.path.abspath(self.directory)).absolute()
         if not (folder / "plan.json").is_file():
             raise InputError(f"{folder}: it has no plan.json; 'hfx study make' makes a study.")
         if _session and _session[0].poll() is None:

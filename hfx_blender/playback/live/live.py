@@ -9,6 +9,7 @@ of their own. Handlers and the heartbeat timer exist only while a device is conn
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -121,7 +122,7 @@ class Live:
             self.approved[name] = script.fingerprint
         # Paths in settings may be relative to the .blend file, which the output process lacks.
         if settings.path:
-            settings = replace(settings, path=bpy.path.abspath(settings.path))
+            settings = replace(settings, path=os.path.abspath(bpy.path.abspath(settings.path)))
         target = live_settings.target_of(device, settings)
         if self.client is None:
             self.client = LiveClient()

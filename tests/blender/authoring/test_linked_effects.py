@@ -153,6 +153,27 @@ def test_a_linked_effect_is_locked_until_it_is_made_editable(library: Path, is_a
     assert effects.effects_of(bpy.context.scene) == [ours], "in place of the linked effect"
 
 
+def test_make_editable_reports_what_stays_linked(
+    scene: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("Ball", "Bell"):
+        ball(name)
+    path = tmp_path / "props.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    collection, scene = link(path), bpy.context.scene
+    collection.override_hierarchy_create(scene, bpy.context.view_layer)
+    scene.collection.children.unlink(collection)
+    for name, report in (
+        ("Ball", "'Ball'; linked effects stay unchanged: Bell\n"),
+        ("Bell", "'Bell'\n"),
+    ):
+        bpy.context.view_layer.objects.active = scene.objects[name]
+        capfd.readouterr()
+        assert bpy.ops.hfx.make_editable() == {"FINISHED"}
+        assert f"1 effect can be changed: {report}" in capfd.readouterr().out
+
+
 def test_an_override_can_be_muted_and_given_another_body(library: Path) -> None:
     (linked,) = link(library).objects
     for name in ("is_muted", "is_solo", "body", "modality", "shape", "temperature_reference"):

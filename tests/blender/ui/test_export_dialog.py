@@ -11,6 +11,8 @@ import hfx_scenes
 import pytest
 from hfx_scenes import names_in
 
+from hfx_blender.authoring import painting
+from hfx_blender.authoring.effects import effects
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.formats.registry import EXPORTED
 
@@ -56,6 +58,35 @@ def test_what_no_device_is_there_for_is_said(small: Any, tmp_path: Path) -> None
     assert names_in(tmp_path) == []
     bpy.ops.hfx.export(filepath=path)
     assert names_in(tmp_path) == ["x.hfxtrack", "x.report.json"]
+
+
+def test_effects_without_an_area_are_refused_before_the_click(small: Any, tmp_path: Path) -> None:
+    """Painting, an area, or an effect of another kind suffices."""
+    touch = small.objects["Touch"]
+    bpy.data.batch_remove([other for other in effects.effects_of(small) if other != touch])
+    assert bpy.ops.hfx.export.poll()
+    painting.set_weights(touch, 0.0 * painting.weights_of(touch))
+    assert not bpy.ops.hfx.export.poll()
+    with pytest.raises(RuntimeError, match="Paint the effect first"):
+        bpy.ops.hfx.export(filepath=str(tmp_path / "x.hfxtrack"))
+    bpy.context.view_layer.objects.active = touch
+    bpy.ops.hfx.paint_begin()
+    assert bpy.ops.hfx.export.poll()
+    bpy.ops.hfx.paint_end()
+    assert not bpy.ops.hfx.export.poll()
+    effects.add_volume(small, "wind", "SPHERE")
+    assert bpy.ops.hfx.export.poll()
+
+
+def test_the_folder_is_named_in_full(
+    small: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from hfx_blender.operators import export_operator
+
+    monkeypatch.chdir(tmp_path)
+    bpy.ops.hfx.export(filepath="x.hfxtrack")
+    (written,) = export_operator.last_written
+    assert written.report.folder == tmp_path
 
 
 def test_each_clip_by_itself(small: Any, tmp_path: Path) -> None:

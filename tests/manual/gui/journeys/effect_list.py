@@ -39,6 +39,26 @@ def steps(h: Any) -> Iterator[float]:
     yield 0.8
     h.check(selected() == names[:3], f"and selects again: {selected()}")
 
+    yield from h.move(*(yield from row_at(h, 0)))
+    yield 0.5
+    yield from h.key("m")
+    yield 1.0
+    h.shot("2_key.png")
+    first, *_ = yield from h.menu_rows()
+    yield from h.click(*first)
+    yield 1.0
+    groups = [bpy.data.objects[name].hfx.group for name in names]
+    h.check(groups == ["Group"] * 3 + [""], f"M over the list moves to a new group: {groups}")
+    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    yield from h.key("ctrl+z")
+    yield 1.5
+    h.check(len(rows()) == 4, "one undo takes the group back")
+    yield from h.click(*(yield from row_at(h, 0)), button=3)
+    yield 1.0
+    h.shot("2_context_menu.png")
+    yield from h.key("Escape")
+    yield 0.5
+
     yield from list_menu(h)
     h.shot("2_menu.png")
     move, *_ = yield from h.menu_rows()

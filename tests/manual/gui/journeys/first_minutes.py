@@ -24,7 +24,14 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.click(*entries[-1])
     is_made = lambda: h.window.workspace.name == "HFX" and bpy.context.object  # noqa: E731
     yield from h.until(is_made, "the avatar stands in the HFX workspace", 120)
-    yield from h.until(lambda: h.region("UI").width > 150, "the sidebar is open", 60)
+    counts = set()
+
+    def is_open() -> bool:
+        counts.add(len(h.window.screen.areas))
+        return h.region("UI").width > 150 if "VIEW_3D" in kinds(h) else False
+
+    yield from h.until(is_open, "the sidebar is open", 60)
+    h.check(1 not in counts, f"areas are arranged without a window of one area: {sorted(counts)}")
     yield 2.0
     h.shot("2_avatar.png")
 
@@ -61,3 +68,7 @@ def steps(h: Any) -> Iterator[float]:
     yield 1.0
     h.shot("9_exported.png")
     h.check(h.actions <= MOST_ACTIONS, f"{h.actions} actions, at most {MOST_ACTIONS}")
+
+
+def kinds(h: Any) -> set[str]:
+    return {area.type for area in h.window.screen.areas}
