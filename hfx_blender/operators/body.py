@@ -9,10 +9,7 @@ from functools import cache
 import bpy
 from bpy.props import (
     BoolProperty,
-    CollectionProperty,
     EnumProperty,
-    FloatVectorProperty,
-    IntProperty,
     StringProperty,
 )
 
@@ -432,37 +429,3 @@ class HFX_OT_load_bones(_BonesFileOperator):
             self.report({"WARNING"}, translated(printable(warning)))
         count = sum(1 for row in armature.hfx.bone_map if row.bone)
         return f"{count} bones loaded"
-
-
-class HfxPlace(bpy.types.PropertyGroup):
-    """Waypoint in the world."""
-
-    location: FloatVectorProperty(
-        name="Location", description="In the world", subtype="TRANSLATION"
-    )
-
-
-class HFX_OT_add_walk(HfxOperator):
-    """Make the active haptic body walk from place to place at an even speed"""
-
-    bl_label = "Walk"
-    adds_clips = True
-
-    places: CollectionProperty(
-        name="Places", description="Waypoints of the walk, at least two", type=HfxPlace
-    )
-    frame_start: IntProperty(name="Start", description="Frame at which the walk starts", default=1)
-    frame_end: IntProperty(name="End", description="Frame at which the walk ends", default=250)
-
-    requires = (
-        (
-            lambda context: context.object is not None and context.object.hfx.role == "BODY",
-            "Select a haptic body",
-        ),
-    )
-
-    def work(self, context: bpy.types.Context) -> None:
-        from ..avatars import bodies
-
-        way = [tuple(corner.location) for corner in self.places]
-        bodies.add_walk(context.object, way, self.frame_start, self.frame_end)

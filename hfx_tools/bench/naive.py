@@ -22,6 +22,8 @@ from hfx_blender.engine.evaluate import Engine
 from hfx_blender.engine.tolerance import PAPER
 from hfx_blender.reading.scene_reader import SceneReader
 
+from ..demo.walking import add_walk
+
 Progress = Callable[[float], None]
 
 _MODEL: Final = "hfx-vibration-1"
@@ -94,10 +96,7 @@ def _scene(frames: int) -> tuple[Any, Any, Any]:
     scene.frame_start, scene.frame_end = 0, frames - 1
     bpy.ops.hfx.add_avatar()
     body = bpy.context.object
-    waypoints = [
-        {"name": "", "location": position} for position in ((0.0, -0.3, 0.0), (0.0, 0.3, 0.0))
-    ]
-    bpy.ops.hfx.add_walk(places=waypoints, frame_start=0, frame_end=frames)
+    add_walk(body, ((0.0, -0.3, 0.0), (0.0, 0.3, 0.0)), 0, frames)
     bpy.ops.mesh.primitive_torus_add(
         major_segments=150,
         minor_segments=90,

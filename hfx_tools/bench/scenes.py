@@ -19,6 +19,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 
 from ..demo import garage
+from ..demo.walking import add_walk
 
 MODALITIES = ("vibration", "pressure", "temperature", "wind")
 _Vector = tuple[float, float, float]
@@ -85,8 +86,7 @@ def move(obj: Any, keys: list[tuple[float, _Vector]]) -> None:
 def _build_crowded() -> None:
     """Build 300 volumes of all kinds in a hall, and a walk right through them."""
     scene = empty_scene("Crowded", 30, 4.0)
-    ends = [{"name": "", "location": (x, 0.0, 0.0)} for x in (-2.0, 2.0)]
-    bpy.ops.hfx.add_walk(places=ends, frame_start=0, frame_end=scene.frame_end)
+    add_walk(bpy.context.object, [(x, 0.0, 0.0) for x in (-2.0, 2.0)], 0, scene.frame_end)
     rng = np.random.default_rng(1)
     shapes = ("CUBOID", "SPHERE", "CYLINDER", "CAPSULE")
     for k in range(300):

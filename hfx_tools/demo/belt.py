@@ -15,6 +15,7 @@ import bpy
 from ..spatial_sound.hearing import Hearing
 from ..spatial_sound.loudspeakers import LAYOUTS
 from ..spatial_sound.sound_settings import SoundSettings
+from .walking import add_walk
 
 FPS = 30
 DURATION_S = 8.0
@@ -55,8 +56,7 @@ def build(particles: int = PARTICLES, duration_s: float = DURATION_S) -> bpy.typ
 def _add_walker() -> bpy.types.Object:
     bpy.ops.hfx.add_avatar()
     body = bpy.context.object
-    waypoints = [{"name": "", "location": position} for position in WAY]
-    bpy.ops.hfx.add_walk(places=waypoints, frame_start=0, frame_end=round(DURATION_S * FPS))
+    add_walk(body, WAY, 0, round(DURATION_S * FPS))
     return body
 
 

@@ -18,6 +18,7 @@ from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS
 
 from . import props
+from .walking import add_walk
 
 FPS = 60
 DURATION_S = 15.5
@@ -80,8 +81,7 @@ def frame(time_s: float) -> float:
 def _add_walking_avatar() -> bpy.types.Object:
     bpy.ops.hfx.add_avatar()
     body = bpy.context.object
-    waypoints = [{"name": "", "location": position} for position in (START, CORNER, END)]
-    bpy.ops.hfx.add_walk(places=waypoints, frame_start=0, frame_end=round(frame(DURATION_S)))
+    add_walk(body, (START, CORNER, END), 0, round(frame(DURATION_S)))
     return body
 
 

@@ -23,6 +23,7 @@ from hfx_blender.engine.samples import Sample
 from hfx_blender.engine.scene import AnimationBlock
 from hfx_blender.engine.tolerance import PAPER, Tolerance
 from hfx_blender.reading.scene_reader import SceneReader
+from hfx_tools.demo import walking
 
 BOUNDARY_M = 1e-5
 """Vertices nearer to a boundary than this may fall on either side."""
@@ -252,10 +253,7 @@ def add_avatar() -> Any:
 
 
 def add_walk(body: Any, places: list[tuple[float, float, float]], start: int, end: int) -> None:
-    bpy.context.view_layer.objects.active = body
-    way = [{"name": "", "location": position} for position in places]
-    done = bpy.ops.hfx.add_walk(places=way, frame_start=start, frame_end=end)
-    assert done == {"FINISHED"}
+    walking.add_walk(body, places, start, end)
 
 
 def bend(body: Any, seed: int, strength: float = 0.6) -> None:

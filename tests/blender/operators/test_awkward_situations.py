@@ -34,7 +34,6 @@ _ARGUMENTS: dict[str, list[dict[str, Any]]] = {
     "add_from_library": [{"name": "hug"}],
     "add_rain": [{"duration": 0.5}],
     "add_vector_sensation": [{"device": "back_pad"}],
-    "add_walk": [{}, {"places": [{"name": "", "location": (x, 0, 0)} for x in (0, 1)]}],
     "area_filter": [{"action": "grow"}, {"action": "invert"}],
     "draw_fades": [{}, {"name": "Clip"}],
     "live_add": [{"name": "back_pad"}],

@@ -19,11 +19,13 @@ from hfx_blender.avatars import bodies
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, SIDES
 from hfx_blender.engine.modality import MODALITIES
+from hfx_blender.errors import InputError
 from hfx_blender.operators import framing
 from hfx_blender.operators.effects import effect_operators
 from hfx_blender.operators.live import connect_operators
 from hfx_blender.operators.painting import paint_view
 from hfx_blender.reading.description.activation import ActivationSource, activation_of
+from hfx_tools.demo import walking
 
 FPS = 60
 
@@ -94,8 +96,7 @@ def test_an_armature_can_be_marked_as_body(body: Any) -> None:
 
 
 def test_a_walk_goes_the_way_at_an_even_speed(body: Any) -> None:
-    way = [{"name": "", "location": position} for position in ((0, 0, 0), (0, -2, 0), (2, -2, 0))]
-    bpy.ops.hfx.add_walk(places=way, frame_start=0, frame_end=240)
+    walking.add_walk(body, [(0, 0, 0), (0, -2, 0), (2, -2, 0)], 0, 240)
     places = []
     for frame in (0, 60, 120, 180, 240):
         bpy.context.scene.frame_set(frame)
@@ -109,9 +110,8 @@ def test_a_walk_goes_the_way_at_an_even_speed(body: Any) -> None:
 
 @pytest.mark.parametrize("way", [[], [(1, 1, 0)], [(1, 1, 0), (1, 1, 0)]])
 def test_a_walk_to_nowhere_is_refused(body: Any, way: list[tuple[float, ...]]) -> None:
-    places = [{"name": "", "location": position} for position in way]
-    with pytest.raises(RuntimeError, match=r"'Avatar'.*walk"):
-        bpy.ops.hfx.add_walk(places=places, frame_start=0, frame_end=100)
+    with pytest.raises(InputError, match=r"'Avatar'.*walk"):
+        walking.add_walk(body, way, 0, 100)
     assert body.animation_data is None
 
 
@@ -617,7 +617,6 @@ def test_export_needs_a_file_name(body: Any, tmp_path: Path, name: str) -> None:
         ("add_painted", "haptic body first"),
         ("volume_from_mesh", "Select a mesh"),
         ("mark_body", "Select an armature"),
-        ("add_walk", "Select a haptic body"),
         ("add_clip", "Select a haptic effect"),
         ("add_heartbeat", "Select a haptic effect"),
         ("paint_begin", "Select a painted effect"),
