@@ -48,7 +48,9 @@ def body_parts(bodies: Sequence[TrackBody]) -> dict[str, str]:
     a single body."""
     if len(bodies) < 2:
         return dict.fromkeys((body.id for body in bodies), "")
-    parts = map(_as_folder, distinct(body.name or body.id for body in bodies))
+    parts = distinct(body.name or body.id for body in bodies)
+    # Windows and ".." allow no dot or space at the start or end of a folder's name.
+    parts = [re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", part) for part in parts]
     return {body.id: part for body, part in zip(bodies, parts, strict=True)}
 
 
@@ -89,8 +91,3 @@ def listed(folder: Path, name: object) -> Path | None:
         return None
     is_plain = path.parts and not path.is_absolute() and ".." not in path.parts
     return folder / path if is_plain and str(path) == name and ":" not in path.parts[0] else None
-
-
-def _as_folder(part: str) -> str:
-    """Escape a dot or space at the start or end of a folder name, for Windows and ``..``."""
-    return re.sub(r"^[. ]|[. ]$", lambda match: f"%{ord(match[0]):02X}", part)

@@ -143,7 +143,16 @@ def test_kicks_that_ring_for_long_are_found(rate: int, hertz: float, decay_s: fl
 
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize(
-    ("hertz", "decay_s", "gap_s"), ((180.0, 0.03, 0.125), (100.0, 0.03, 0.125), (180.0, 0.03, 0.11))
+    ("hertz", "decay_s", "gap_s"),
+    (
+        (180.0, 0.03, 0.125),
+        (100.0, 0.03, 0.125),
+        (180.0, 0.03, 0.11),
+        (90.0, 0.03, 0.1),
+        (140.0, 0.03, 0.08),
+        (200.0, 0.03, 0.08),
+        (500.0, 0.03, 0.08),
+    ),
 )
 def test_regular_fast_beats_are_found(
     rate: int, hertz: float, decay_s: float, gap_s: float
@@ -153,6 +162,23 @@ def test_regular_fast_beats_are_found(
         [t.time_s for t in follow(hits(rate, starts, hertz, decay_s), rate).transients]
     )
     assert len(found) == len(starts) and np.abs(found - starts).max() <= 0.01
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize(
+    ("hertz", "gap_s"), ((90.0, 0.1), (140.0, 0.08), (200.0, 0.08), (1000.0, 0.08), (None, 0.08))
+)
+def test_the_envelope_follows_fast_beats(rate: int, hertz: float | None, gap_s: float) -> None:
+    """Decays of 30 ms, of 20 ms for noise (None), that begin at once."""
+    starts, t = np.arange(0.5, 3.4, gap_s), times(rate, 4.0)
+    after = t - starts[np.searchsorted(starts, t, "right").clip(1) - 1]
+    decay_s = 0.03 if hertz else 0.02
+    envelope = np.where(after >= 0.0, np.exp(-after.clip(0.0) / decay_s), 0.0)
+    noise = 0.2 * np.random.default_rng(8).standard_normal(len(t))
+    sound = envelope * (noise if hertz is None else np.sin(2.0 * np.pi * hertz * after))
+    at = np.arange(0.3, 3.6, 0.004)
+    actual = follow(sound, rate).amplitude.at(at)
+    assert np.corrcoef(actual, np.interp(at, t, envelope))[0, 1] >= 0.95
 
 
 @pytest.mark.parametrize("hertz", (200.0, 440.0, 660.0, 1000.0, 2000.0, 3000.0))

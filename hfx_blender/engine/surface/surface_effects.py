@@ -123,8 +123,7 @@ class SurfaceEffects:
             forces = None
             if area.law is not None:
                 forces = surface_forces(area, animated, paths, own[0], skin, pose, steps_s)
-            device = area.texture.device
-            parts.append(_gathered(paths, *rendered, animated, *own, device, forces))
+            parts.append(_gathered(paths, *rendered, animated, *own, area.texture.device, forces))
         if tracked.follower.crowded:
             text = f"surface '{effect.name}' touches more than {area.max_contacts} vertices"
             self._counters.warn(
@@ -254,8 +253,8 @@ def _joined(parts: list[SurfaceSamples]) -> SurfaceSamples | None:
     if not parts:
         return None
     before = np.cumsum([0, *(part.offsets[-1] for part in parts)])
-    names = ["rows", "amplitude_m_s2", "frequency_hz", "vertices", "weights", "distance_m"]
-    names += [] if parts[0].forces_n is None else ["forces_n"]
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     offsets = [part.offsets[:-1] + start for part, start in zip(parts, before, strict=False)]
-    return SurfaceSamples(**joined, offsets=np.concatenate([*offsets, before[-1:]]))
+    columns = {name: [getattr(part, name) for part in parts] for name in vars(parts[0])}
+    columns["offsets"] = [*offsets, before[-1:]]
+    present = {name: column for name, column in columns.items() if column[0] is not None}
+    return SurfaceSamples(**{name: np.concatenate(column) for name, column in present.items()})

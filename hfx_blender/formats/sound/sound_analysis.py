@@ -41,6 +41,8 @@ _RARE: Final = 4.0  # multiple of the usual rises of a band that an onset exceed
 _RARE_BEAT: Final = 3.0  # the same, of a lower percentile, where the whole sound rises
 _APART: Final = 25  # frames between two onsets, at least
 _PERIOD: Final = 30  # frames: pulses closer than this are a tone
+_FAST_PERIOD: Final = 22  # the same, where the whole sound beats fast
+_DENSE: Final = 0.07  # share of frames in beats from which on they are fast
 _LAG: Final = 4  # frames of the rise of an onset, at least
 _CUT: Final = 15  # frames before the end of a sound that its end disturbs
 _GAP: Final = 12  # frames around a gap without onsets
@@ -81,7 +83,7 @@ def followed(
     InputError for no samples, a rate that is not 100 to 768,000 Hz, or a band above half the rate,
     and TooLargeError for too many channels; ``name`` begins the message.
     """
-    from scipy.ndimage import convolve1d
+    from scipy.ndimage import convolve1d, maximum_filter1d, uniform_filter1d
 
     if not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
         raise InputError(f"{name}: has {rate_hz} samples a second; allowed are 100 to 768000.")
@@ -91,18 +93,27 @@ def followed(
     counts = np.zeros(2, np.int64)
     core = slice(_MARGIN_S * FRAME_HZ, (_MARGIN_S + _CORE_S) * FRAME_HZ)
     window = np.hanning(2 * round(settings.smoothing_s * FRAME_HZ / 2.0) + 3)[1:-1]
+    short = np.hanning(len(window) // 2 + 2)[1:-1]  # of beats
     levels, pitches = [np.zeros(0)], [np.zeros(0)]
     centres, _ = _centres((low, high))
     ticks: list[tuple[int, float]] = []
     gaps: set[int] = set()
     for number, part in enumerate(_parts(blocks, rate_hz, name, counts, gaps)):
         powers, moments = _bands(part, rate_hz, (low, high))
-        power, moment = (convolve1d(p.sum(1), window / window.sum()) for p in (powers, moments))
-        levels.append(np.sqrt(power[core]))
-        pitches.append((moment[core] / power[core].clip(1e-20)).clip(low, high))
+        whole, powers, moments = powers[:, -1], powers[:, :-1], moments[:, :-1]
         first = number * _CORE_S * FRAME_HZ - core.start  # in the sound, of the part
         span = max(-first, 0), min(ceil(counts[0] / rate_hz * FRAME_HZ) - first, len(powers))
-        onsets = _onsets(powers, centres, *span)
+        onsets = list(_onsets(powers, centres, *span))
+        # The sum of bands has no ripple, and blurs beats; the whole is sharp, and ripples.
+        share = np.zeros(len(powers))
+        share[[k for k, _ in onsets]] = 1.0
+        share = uniform_filter1d(maximum_filter1d(share, 2 * _PERIOD + 1), _PERIOD)
+        power, moment = (convolve1d(p.sum(1), window / window.sum()) for p in (powers, moments))
+        level = share * convolve1d(whole, short / short.sum()) + (1.0 - share) * power
+        levels.append(np.sqrt(level[core]))
+        pitches.append((moment[core] / power[core].clip(1e-20)).clip(low, high))
+        peaks = np.sqrt(_largest(level, 0, _APART // 2))
+        onsets = [(k, max(peak, float(peaks[k]))) for k, peak in onsets]
         ticks += [(first + k, peak) for k, peak in onsets if core.start <= k < core.stop]
     if not counts[0]:
         raise InputError(f"{name}: holds no sound.")
@@ -183,21 +194,22 @@ def _mended(part: npt.NDArray[np.float32], begun: int, rate_hz: int) -> npt.NDAr
 def _bands(
     part: npt.NDArray[np.float32], rate_hz: int, band_hz: tuple[float, float]
 ) -> tuple[F64, F64]:
-    """Power of octave bands (frames, bands), 1 for a sine of full scale, and its product with the
-    mean frequency (Hz), of a part (n, channels) of whole seconds."""
+    """Power of octave bands and of the whole (frames, bands + 1), 1 for a sine of full scale, and
+    its product with the mean frequency (Hz), of a part (n, channels) of whole seconds."""
     from scipy.fft import ifft, rfft
 
     (low, high), seconds, channels = band_hz, len(part) // rate_hz, part.shape[1]
     centres, step = _centres(band_hz)
-    powers = np.zeros((2, seconds * FRAME_HZ, len(centres)))
+    powers = np.zeros((2, seconds * FRAME_HZ, len(centres) + 1))
     for channel in range(channels):
         spectrum = rfft(part[:, channel]) * (2.0 / len(part))
-        for k, centre in enumerate(centres.tolist()):
-            # Neighbours overlap, and the squares of their gains add to 1; first and last end flat.
-            first = int(max(low, 2.0 ** (centre - step)) * seconds)
-            stop = min(int(min(high, 2.0 ** (centre + step)) * seconds) + 1, len(spectrum))
+        for k, centre in enumerate([*centres.tolist(), 0.0]):
+            # Neighbours overlap, and the squares of their gains add to 1; the outer ends are flat.
+            width = step if k < len(centres) else np.inf
+            first = int(max(low, 2.0 ** (centre - width)) * seconds)
+            stop = min(int(min(high, 2.0 ** (centre + width)) * seconds) + 1, len(spectrum))
             hertz = np.arange(first, stop) / seconds
-            way = (np.log2(hertz) - centre) / step
+            way = (np.log2(hertz) - centre) / width
             way = np.clip(way, -1.0 if k else 0.0, 1.0 if k + 1 < len(centres) else 0.0)
             bins = spectrum[first:stop] * np.cos(np.pi / 2.0 * way)
             # The band is moved to 0 Hz, where few samples a frame hold its power.
@@ -237,19 +249,24 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     least = np.append(np.full(len(centres), _RISE_DB), _RISE_OF_ALL_DB)
     # A band of width B needs 1 / B seconds to rise.
     lags = [*np.ceil(0.6 * FRAME_HZ / 2.0**centres).astype(int).tolist(), _LAG]
-    before = [_largest(level[:, k], -_PERIOD, -max(lag, _LAG)) for k, lag in enumerate(lags)]
-    rise = np.maximum(level - np.stack(before, 1), 0.0)
+    # Where the whole sound rises at once, as it does not in noise, regular beats are rare enough.
+    total_db = 10.0 * np.log10(total + 10.0 ** (_QUIET_DB / 10.0) * near + 1e-12)
+    is_beat = total_db - _largest(total_db, -_FAST_PERIOD, -2 * _LAG) >= _RISE_DB
+    is_near = maximum_filter1d(is_beat, 21)[:, None]
+    is_dense = uniform_filter1d(is_beat.astype(float), _NEAR // 2)[:, None] > _DENSE
+    slow, fast = (
+        np.stack([_largest(level[:, k], -n, -max(lag, _LAG)) for k, lag in enumerate(lags)], 1)
+        for n in (_PERIOD, _FAST_PERIOD)
+    )
+    rise = np.maximum(level - np.where(is_dense, fast, slow), 0.0)
     starts = np.arange(0, len(rise), _NEAR // 4)
     # The silence before and after the sound does not count as usual.
     firsts = np.clip(starts - _NEAR, begin, max(end - 2 * _NEAR, begin))
     parts = (rise[k : min(k + 2 * _NEAR, end)] for k in firsts)
-    usual = np.array([np.percentile(part, (90, 85), axis=0) for part in parts])
-    rare, less_rare = np.repeat(usual, _NEAR // 4, axis=0)[: len(rise)].transpose(1, 0, 2)
-    # Where the whole sound rises at once, as it does not in noise, regular beats are rare enough.
-    total_db = 10.0 * np.log10(total + 10.0 ** (_QUIET_DB / 10.0) * near + 1e-12)
-    is_beat = total_db - _largest(total_db, -_PERIOD, -2 * _LAG) >= _RISE_DB
-    is_near = maximum_filter1d(is_beat, 21)[:, None]
-    usual_rise = np.where(is_near, _RARE_BEAT * less_rare, _RARE * rare)
+    usual = np.array([np.percentile(part, (90, 85, 70), axis=0) for part in parts])
+    rare, less_rare, dense = np.repeat(usual, _NEAR // 4, axis=0)[: len(rise)].transpose(1, 0, 2)
+    beats = _RARE_BEAT * np.where(is_dense, dense, less_rare)
+    usual_rise = np.where(is_near, beats, _RARE * rare)
     amplitude = 10.0 ** (level / 20.0)
     # Half of the coming peak is reached within the rise time: a swell is no onset.
     is_attack = amplitude >= 0.5 * _largest(amplitude, 0, _APART)

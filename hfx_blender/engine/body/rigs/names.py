@@ -94,10 +94,11 @@ def read_names(names: Iterable[str]) -> dict[str, BoneName]:
 
 def _without_shared_words(tokens: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
     """Known words and numbers of each name, without words and numbers shared by most names."""
-    parts = {
-        name: [w for token in words for w in _parted(token, words)]
-        for name, words in tokens.items()
-    }
+    parts = {}
+    for name, words in tokens.items():
+        # "larm" is lower arm and "uarm" upper arm if the name has a separate side.
+        halves = HALVES if SIDES.keys() & set(words) else {}
+        parts[name] = [w for token in words for w in halves.get(token) or parted(token)]
     least_count = max(4.0, _SHARED * len(parts))
     counts = Counter(word for words in parts.values() for word in set(words))
     shared = {word for word, count in counts.items() if count >= least_count}
@@ -115,12 +116,6 @@ def _without_shared_words(tokens: Mapping[str, Sequence[str]]) -> dict[str, list
         for name in (name for name, words in first.items() if words == number):
             remaining[name].remove(number)
     return _without_counting(remaining)
-
-
-def _parted(token: str, name: Sequence[str]) -> tuple[str, ...]:
-    """Known words of a token; "larm" is lower arm and "uarm" upper arm if ``name`` has a separate
-    side."""
-    return HALVES[token] if token in HALVES and SIDES.keys() & set(name) else parted(token)
 
 
 def _without_counting(parts: dict[str, list[str]]) -> dict[str, list[str]]:
