@@ -102,7 +102,7 @@ def glb_facts(path: Path) -> dict[str, Any]:
 
 
 def clip_facts(path: Path) -> dict[str, Any]:
-    """Content of a clip for ``hfx info``: rows, devices, clips, bodies, effects and surfaces.
+    """Content of a clip for ``hfx info``: rows, devices, clips, bodies, models, effects, surfaces.
     Raises InputError for an invalid clip."""
     sections = clip_rules.read(read_data(path), str(path))
     at = sections["TIME"][0]
@@ -128,6 +128,7 @@ def clip_facts(path: Path) -> dict[str, Any]:
             for clip, entry in zip(texts_at(sections, clips["name"]), clips, strict=True)
         ],
         "bodies": texts_at(sections, sections["BODY"]["name"]),
+        "models": list(dict.fromkeys(texts_at(sections, effects["model"]))),
         "effects": texts_at(sections, effects["name"]),
         "surfaces": [
             {

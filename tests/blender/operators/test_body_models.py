@@ -30,6 +30,7 @@ from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.reading.live_scene import signature_of
 from hfx_blender.reading.scene_reader import SceneReader
 from hfx_blender.ui.panels import body_panel
+from hfx_tools.formats import facts
 from hfx_tools.track_rendering import render_devices
 
 IDS = ("hfx-pressure-1-quadric", "hfx-vibration-1-quadric")
@@ -100,11 +101,13 @@ def test_effects_tracks_and_files_carry_the_ids_of_the_set(installed: Path, tmp_
     bpy.context.view_layer.objects.active = rig
     before = export_scene(scene, tmp_path / "before", "x", ExportSettings())
     bpy.ops.hfx.use_models(models="coarse")
-    settings = ExportSettings(("track", "jsonl", "glb", "hjif"))
+    settings = ExportSettings(("track", "jsonl", "glb", "hjif", "clip"))
     report = export_scene(scene, tmp_path / "coarse", "x", settings)
     track = TrackReader(next(path for path in report.files if path.suffix == ".hfxtrack"))
     by_name = {effect.name: effect.model_id for effect in track.header.effects}
     assert by_name == {"Touch": IDS[1], "Warm": "hfx-temperature-1", "Ball": IDS[0]}
+    clip = next(path for path in report.files if path.suffix == ".hfxclip")
+    assert set(facts.clip_facts(clip)["models"]) == set(by_name.values())
     hashes = {used.id: used.content_hash for used in track.header.models}
     assert hashes == {id: model.load_model(id).content_hash for id in by_name.values()}
     # A ball feels the coarse vertices inside it: points in a sphere, by arithmetic.
