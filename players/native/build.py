@@ -199,7 +199,7 @@ def link_for_android(sources: list[str], options: list[str], library: Path) -> N
 
 
 def zig(*arguments: str) -> None:
-    subprocess.run([sys.executable, "-m", "ziglang", *arguments], check=True, timeout=600)
+    subprocess.run([sys.executable, "-m", "ziglang", *arguments], check=True, timeout=1800)
 
 
 def universal(parts: list[bytes]) -> bytes:

@@ -85,7 +85,7 @@ def compiled() -> bytes:
         target = Path(name, "hfx.wasm")
         options = f"{TARGET} {WARNINGS} {LINKING}".split()
         command = [sys.executable, "-m", "ziglang", "cc", *options, "-o", str(target)]
-        subprocess.run([*command, str(HERE / "core.c")], check=True, timeout=600)
+        subprocess.run([*command, str(HERE / "core.c")], check=True, timeout=1800)
         return target.read_bytes()
 
 
