@@ -28,7 +28,8 @@ _SCREEN_BEHIND = 1.5
 
 def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.SoundStrip:
     """Add a sound to the scene's sequencer, from ``frame`` on in a free channel, and synchronise
-    playback to sound. Raises InputError: the file is missing or has no sound."""
+    playback to sound. Workspaces without a scene for their Sequencer get this scene. Raises
+    InputError: the file is missing or has no sound."""
     refuse_no_file(path)
     editor = scene.sequence_editor or scene.sequence_editor_create()
     strips = compat.strips(editor)
@@ -41,6 +42,10 @@ def add_sound(scene: bpy.types.Scene, path: Path, frame: int) -> bpy.types.Sound
     if strip.sound.channels == "INVALID":
         strips.remove(strip)
         raise InputError(f"{path}: has no sound.")
+    # Since 5.0 a Sequencer shows the scene chosen in its workspace: none at first.
+    for workspace in bpy.data.workspaces:
+        if getattr(workspace, "sequencer_scene", scene) is None:
+            workspace.sequencer_scene = scene
     scene.sync_mode = "AUDIO_SYNC"
     scene.use_audio_scrub = True
     return strip

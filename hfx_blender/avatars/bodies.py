@@ -6,7 +6,6 @@ from __future__ import annotations
 import sys
 import uuid
 from collections.abc import Callable, Generator, Sequence
-from importlib import import_module
 from importlib.util import find_spec
 
 import bpy
@@ -26,6 +25,7 @@ _LARGE_BONES = (
     *("upperarm", "lowerarm", "wrist", "upperleg", "lowerleg", "foot"),
 )
 
+_WAIT_S = 0.05
 _INSIDE_M = 0.02
 """Shortening of the head bone, metres, to keep its end inside the head; also the tolerance of
 overlapping boxes."""
@@ -139,10 +139,11 @@ def choosing_skin_meshes(
 
 
 def _importing() -> Generator[float, None, None]:
-    """Import the packages of scipy and trimesh for a fit, yielding 0.0 after each, as all imports
-    together take seconds."""
-    for name in early_imports.FIT_PACKAGES:
-        import_module(name)
+    """Wait for the import of scipy and trimesh, some seconds; yields 0.0 until the end."""
+    # Imports of the same packages in two threads end in a deadlock of Python's module locks.
+    imports = early_imports.begin()
+    while imports.is_alive():
+        imports.join(_WAIT_S)
         yield 0.0
 
 

@@ -16,11 +16,13 @@ FIT_PACKAGES: Final = (
 
 
 @cache
-def begin() -> None:
-    """Import the packages in a thread, once; a third of an ordinary fit's time. A thread holds
-    Python's lock for the 20 ms of the largest package at most, so that the window stays live."""
+def begin() -> threading.Thread:
+    """Import the packages in a thread, once; a third of an ordinary fit's time. Returns the thread.
+    It holds Python's lock for the 20 ms of the largest package at most: the window stays live."""
     # Not a daemon: Python waits for the imports, a second at most, before Blender quits.
-    threading.Thread(target=_import_all, name="imports").start()
+    imports = threading.Thread(target=_import_all, name="imports")
+    imports.start()
+    return imports
 
 
 def _import_all() -> None:

@@ -46,6 +46,9 @@ def test_a_sound_starts_at_the_current_frame_and_playing_keeps_in_step(
     scene.render.fps = 24
     scene.frame_set(13)
     assert bpy.ops.hfx.add_sound(filepath=str(beep)) == {"FINISHED"}
+    workspaces = list(bpy.data.workspaces)
+    shown = [getattr(workspace, "sequencer_scene", scene) for workspace in workspaces]  # since 5.0
+    assert workspaces and set(shown) == {scene}, "a Sequencer shows the strip"
     (strip,) = compat.strips(scene.sequence_editor)
     assert (strip.type, strip.frame_final_start, strip.frame_final_duration) == ("SOUND", 13, 48)
     assert scene.sync_mode == "AUDIO_SYNC"

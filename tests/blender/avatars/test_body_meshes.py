@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from hfx_blender.avatars import (  # noqa: E402
     bone_table,
     stored_fits,
 )
+from hfx_blender.blender import early_imports  # noqa: E402
 
 MODEL_ID = "hfx-temperature-1"
 
@@ -355,3 +357,16 @@ def test_a_volume_that_comes_and_goes_is_felt_on_a_surface_as_with_positions(sce
 
     lazy, every = felt(), felt(record=["positions"])
     assert lazy == every and {36, 127} <= lazy.keys() and 80 not in lazy
+
+
+def test_a_fit_waits_for_the_imports_of_the_other_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both threads would import the same packages, and wait for each other."""
+    is_done = threading.Event()
+    imports = threading.Thread(target=is_done.wait)
+    imports.start()
+    monkeypatch.setattr(early_imports, "begin", lambda: imports)
+    steps = bodies._importing()
+    assert next(steps) == 0.0 and next(steps) == 0.0
+    is_done.set()
+    assert list(steps) in ([], [0.0])
+    assert not imports.is_alive()

@@ -45,6 +45,8 @@ def steps(h: Any) -> Iterator[float]:
     length = strip.frame_final_duration
     h.check(abs(length - SOUND_S * FPS) <= 1, f"and lasts {length} frames")
     h.check(scene.sync_mode == "AUDIO_SYNC", "playing keeps in step with the sound")
+    shown = getattr(h.window.workspace, "sequencer_scene", scene)  # since Blender 5.0
+    h.check(shown == scene, "a Sequencer shows the strip")
     h.shot("2_sound.png")
     yield from felt_sound(h, start)
 
