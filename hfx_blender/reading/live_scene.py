@@ -155,9 +155,9 @@ class LiveScene:
         self._index = 0  # advances where strokes over surfaces need history
         count = len(self.objects.effects)  # further effects are instances
         self._volumes = [k for k, e in enumerate(own[:count]) if e.kind == "volume"]
-        areas = [e.area for e in self.description.effects if isinstance(e.area, HapticVolume)]
-        self._answers = any(area.response for area in areas)
-        self._has_memory = self._answers or any(area.law for area in areas)
+        areas = [effect.area for effect in self.description.effects]
+        self._answers = any(isinstance(area, HapticVolume) and area.response for area in areas)
+        self._has_memory = self._answers or any(getattr(area, "law", None) for area in areas)
         self.clock = LiveClock(scene)
         self._before: tuple[list[EffectRow], dict[int, PoseRow | None]] | None = None
 
