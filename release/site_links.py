@@ -21,17 +21,17 @@ PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 _QUICK_START = "quick-start.md"  # the README's name in the site: mkdocs takes README.md as an index
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 _COPIED = (".md", ".png", ".svg", ".gif", ".webp")
-
-
-def on_config(config: Any) -> Any:
-    """Leave the map out if the site has no address: all its entries would be empty."""
-    if not config.site_url:
-        config.theme.static_templates.discard("sitemap.xml")
-    return config
+_MAP = "sitemap.xml"
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add pages of the root and all files that pages link to."""
+    """Add pages of the root and all files that pages link to. Leave the map out if the site has no
+    address: all entries of the map would be empty."""
+    template = files.get_file_from_path(_MAP)
+    if not config.site_url:
+        config.theme.static_templates.discard(_MAP)
+        if template is not None:  # not rendered, mkdocs would copy it
+            files.remove(template)
     pending = [*PAGES, *(f"docs/{file.src_uri}" for file in files if file.is_documentation_page())]
     seen = set(pending)
     while pending:

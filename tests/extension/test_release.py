@@ -348,6 +348,13 @@ def test_the_sums_name_each_file_of_the_folder_but_themselves(tmp_path: Path) ->
         assert subprocess.run(command, cwd=tmp_path, check=False).returncode == 1
 
 
+def test_a_site_without_an_address_has_no_map(tmp_path: Path) -> None:
+    pytest.importorskip("material", reason="needs mkdocs-material")
+    site = make.site(tmp_path / "site")
+    assert (site / "index.html").is_file() and (site / "install.html").is_file()
+    assert list(site.glob("sitemap*")) == []
+
+
 def test_the_core_package_leads_to_first_values_with_files_of_its_own(tmp_path: Path) -> None:
     with zipfile.ZipFile(make.core_package(tmp_path)) as archive:
         names = set(archive.namelist())
