@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
+from itertools import islice
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -94,22 +95,24 @@ class Engine:
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Samples of a block: a run for each effect and body with any sample, in the order of the
         effects, then bodies."""
-        return self.begin(block)()
+        return [*self.begin(block)]
 
     def evaluated(
         self, blocks: Iterable[AnimationBlock]
-    ) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
-        """Yield (block, sample runs) for each block, in order. With threads, the next block is
-        begun before the samples of a block are yielded; a block with many active effects is
-        evaluated alone. The counters include only yielded blocks."""
-        begun: deque[tuple[AnimationBlock, Callable[[], list[SampleRun]], Counters]] = deque()
+    ) -> Generator[tuple[AnimationBlock, Iterator[SampleRun]], None, None]:
+        """Yield (block, sample runs) for each block, in order; runs are computed as they are taken,
+        and those not taken before the next block are dropped. With threads, the next block is begun
+        before the samples of a block are yielded; a block with many active effects is evaluated
+        alone. The counters include only yielded blocks."""
+        begun: deque[tuple[AnimationBlock, Iterator[SampleRun], Counters]] = deque()
 
-        def finished(most: int) -> Generator[tuple[AnimationBlock, list[SampleRun]], None, None]:
+        def finished(most: int) -> Iterator[tuple[AnimationBlock, Iterator[SampleRun]]]:
             """Yield blocks with their samples until at most ``most`` are in work."""
             while len(begun) > most:
-                block, finish, counted = begun.popleft()
+                block, runs, counted = begun.popleft()
                 self.counters.add(counted)
-                yield block, finish()
+                yield block, runs
+                deque(runs, 0)
 
         for block in blocks:
             active = sum(bool((effect.levels > 0.0).any()) for effect in block.effects)
@@ -117,15 +120,15 @@ class Engine:
             yield from finished(waiting)
             # Counts of a begun block are held back until its samples are yielded.
             before = self.counters.copy()
-            finish = self.begin(block)
-            begun.append((block, finish, self.counters.since(before)))
+            runs = self.begin(block)
+            begun.append((block, runs, self.counters.since(before)))
             self.counters.go_back(before)
             yield from finished(waiting)
         yield from finished(0)
 
-    def begin(self, block: AnimationBlock) -> Callable[[], list[SampleRun]]:
-        """Begin to :meth:`evaluate` a block; returns a function to finish it, to be called once.
-        Worker threads compute in between. Blocks must be begun and finished in order."""
+    def begin(self, block: AnimationBlock) -> Iterator[SampleRun]:
+        """Begin to :meth:`evaluate` a block; returns an iterator that finishes its effects one by
+        one. Worker threads compute in between. Blocks must be begun and finished in order."""
         block = with_directions(self.scene.effects, block, self.counters)
         effects = list(zip(self.scene.effects, block.effects, strict=True))
         rows_of = active_rows(self.scene.effects, block, self.counters)
@@ -139,23 +142,23 @@ class Engine:
         for body, pose in zip(self.scene.bodies, block.poses, strict=True):
             warn_of_point(is_active, pose, body, self.counters)
         reach = BlockBroadPhase(block, self.scene.bodies, self._skins)
+        unbegun = (
+            ActiveEffect(effect, animated, rows, block)
+            for (effect, animated), rows in zip(effects, rows_of, strict=True)
+            if len(rows)
+        )
         # Several effects are begun before the first is finished, so that the threads have work.
-        begun: deque[Callable[[], list[SampleRun | None]]] = deque()
-        results: list[SampleRun | None] = []
-        for (effect, animated), rows in zip(effects, rows_of, strict=True):
-            if len(rows):
-                begun.append(self._begin(ActiveEffect(effect, animated, rows, block), reach))
-            if len(begun) > _MOST_BEGUN:
-                results += begun.popleft()()
+        begun = deque(self._begin(active, reach) for active in islice(unbegun, _MOST_BEGUN))
 
-        def finish() -> list[SampleRun]:
-            unfinished = (run for finish_effect in begun for run in finish_effect())
-            runs = [run for run in (*results, *unfinished) if run is not None]
-            results.clear()  # the function may outlive the runs
-            self.counters.contacts += sum(run.contact_count for run in runs)
-            return runs
+        def finished() -> Iterator[SampleRun]:
+            while begun:
+                begun.extend(self._begin(active, reach) for active in islice(unbegun, 1))
+                for run in begun.popleft()():
+                    if run is not None:
+                        self.counters.contacts += run.contact_count
+                        yield run
 
-        return finish
+        return finished()
 
     def _begin(
         self, active: ActiveEffect, reach: BlockBroadPhase

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from itertools import chain
 from math import ceil
 from pathlib import Path
 from typing import Any, Self
@@ -35,7 +37,7 @@ from ..version import __version__
 Watch = Callable[[AnimationBlock], None]
 _SPATIAL = "clip."  # prefix of array names of the SpatialRecorder
 
-BlockSamples = tuple[AnimationBlock, list[SampleRun]]
+BlockSamples = tuple[AnimationBlock, Iterable[SampleRun]]
 
 
 @dataclass(frozen=True)
@@ -174,6 +176,7 @@ def record_track(
         counters are reset after each, so that parts add up to the whole."""
         for block, runs in evaluated:
             if block.own_indices[-1] < first:
+                deque(runs, 0)
                 engine.counters.clear()
             else:
                 yield block, runs
@@ -192,19 +195,26 @@ def record_track(
                 single = ([pair] for pair in own_blocks(evaluated))
                 for chunk in _chunks(own_blocks(evaluated)) if renderers else single:
                     # Renderers get the runs as stored: quantised, and joined to whole chunks.
-                    # Without renderers single blocks suffice, and take less memory.
-                    runs = writer.append(joined_runs((runs for _, runs in chunk), header.streams))
-                    for _, renderer in renderers:
-                        renderer.add(runs)
+                    # Without renderers a run is found, stored and freed before the next one.
+                    runs = chain.from_iterable(own_runs for _, own_runs in chunk)
+                    if renderers:
+                        runs = joined_runs((own_runs for _, own_runs in chunk), header.streams)
+                    stored: Iterable[SampleRun] = writer.stored(runs)
+                    if renderers:
+                        stored = [*stored]
+                        for _, renderer in renderers:
+                            renderer.add(stored)
                     if times is not None:
-                        times.add_runs(runs, touching, is_equal=is_equal)
+                        times.add_runs(stored, touching, is_equal=is_equal)
                         for block, _ in chunk:
                             times.add_levels(effects, block)
                         times.touched |= dict.fromkeys(engine.touched, True)
+                    deque(stored, 0)
                     yield [block for block, _ in chunk]
                     # Freed before the next block is evaluated; generators hold these lists, too.
-                    for samples in (runs, *(own_runs for _, own_runs in chunk)):
-                        samples.clear()
+                    for samples in (runs, stored, *(own_runs for _, own_runs in chunk)):
+                        if isinstance(samples, list):
+                            samples.clear()
         finished.extend(renderers)
 
     # Blender releases Python's lock while it steps a scene, so a second thread helps even on one
@@ -230,6 +240,7 @@ def _chunks(blocks: Iterator[BlockSamples]) -> Iterator[list[BlockSamples]]:
         next_number = int(pair[0].indices[-1]) // SAMPLES_PER_CHUNK
         # An empty list lets the caller report progress and stop within a chunk.
         yield chunk if chunk and number != next_number else []
+        pair = pair[0], [*pair[1]]
         chunk = [*chunk, pair] if number == next_number else [pair]
         number = next_number
     if chunk:

@@ -125,7 +125,7 @@ def _found(
 ) -> tuple[list[Any], dict[str, Any]]:
     engine = Engine(_scene(*filters), tolerance=tolerance, threads=threads)
     evaluated = engine.evaluated(_blocks(*filters))
-    actual = [(block.indices.tolist(), _plain(runs)) for block, runs in evaluated]
+    actual = [(block.indices.tolist(), _plain([*runs])) for block, runs in evaluated]
     return actual, engine.counters.as_dict()
 
 

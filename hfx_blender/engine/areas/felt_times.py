@@ -112,7 +112,9 @@ def strongest_db(run: SampleRun, is_contact: bool, is_equal: bool = False) -> fl
     weights = np.zeros((len(run.offsets) - 1, len(PARTS)))
     sets = np.repeat(np.arange(len(weights)), np.diff(run.offsets))
     part_of = load_model(run.stream.model_id).part
-    np.maximum.at(weights, (sets, part_of[run.vertices]), run.weights)
+    # A flat index and one type of numbers: numpy is many times as fast.
+    places = sets * weights.shape[1] + part_of[run.vertices]
+    np.maximum.at(weights.reshape(-1), places, run.weights.astype(np.float64))
     hz = run.parameters[:, 1] if modality == "vibration" else np.full(len(run), REFERENCE_HZ)
     felt = (run.levels * strengths)[:, None] * weights[run.set_of]
     thresholds = threshold(modality, hz)

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import tempfile
 import zipfile
-from collections import defaultdict
-from collections.abc import Iterable
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
@@ -47,11 +48,11 @@ class TrackWriter:
 
     The file appears at the end of a ``with`` block without exception; otherwise no file is left.
     The bytes depend on header and samples only, not on the calls of :meth:`append`. The samples of
-    one call and of :data:`layout.SAMPLES_PER_CHUNK` are held in memory. If a chunk is too large for
-    a reader, all chunks of the file are halved, repeatedly. ``full_precision`` keeps float32
-    weights; otherwise weights are rounded to 1/255, but not to 0. Raises OutputError if the file
-    cannot be written, or one sample has too many contacts for a reader; ValueError for a header
-    with a value that is no JSON value.
+    one call and of a chunk, :data:`layout.SAMPLES_PER_CHUNK` at first, are held in memory. If a
+    chunk is too large for a reader, all chunks are halved, repeatedly. ``full_precision`` keeps
+    float32 weights; otherwise weights are rounded to 1/255, but not to 0. Raises OutputError if the
+    file cannot be written, or one sample has too many contacts for a reader; ValueError for a
+    header with a value that is no JSON value.
     """
 
     def __init__(self, path: Path, header: TrackHeader, *, full_precision: bool = False) -> None:
@@ -66,8 +67,9 @@ class TrackWriter:
         self._samples_per_chunk = layout.SAMPLES_PER_CHUNK
         self._chunks: list[int] = []
         self._end = 0  # sample index after the last written chunk
-        # By block number, then by stream index.
-        self._open: dict[int, dict[int, _SectionBuilder]] = {}
+        # By chunk number, then by stream index: parts of a section, in order of time.
+        self._open: defaultdict[int, dict[int, list[Section]]] = defaultdict(dict)
+        self._entries: Counter[int] = Counter()  # collected (set, vertex) pairs by chunk number
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
@@ -93,25 +95,29 @@ class TrackWriter:
             self._finishing.__exit__(*failure)
             return
         with self._finishing:
-            self._write_blocks(sorted(self._open))
+            self._write_collected(math.inf)
             index = layout.encode_index(self._chunks, self._index)
             self._put(layout.INDEX, index, layout.MAX_JSON_BYTES)
 
     def append(self, runs: Iterable[SampleRun]) -> list[SampleRun]:
-        """Record runs of any of the header's streams over the next block of time.
+        """Record runs of any of the header's streams over the next block of time; see
+        :meth:`stored`."""
+        return [*self.stored(runs)]
 
-        Returns the runs with samples, with weights as a reader will decode them. Blocks, and runs
-        of a stream within a block, must be in the order of time. A block may start within the
-        :data:`layout.SAMPLES_PER_CHUNK` samples of the last block's end. Raises ValueError for a
-        run that breaks the contract of :class:`SampleRun` or is out of order, and OutputError.
+    def stored(self, runs: Iterable[SampleRun]) -> Iterator[SampleRun]:
+        """Record runs of any of the header's streams over the next block of time, one by one.
+
+        Yields the runs with samples, with weights as a reader will decode them. Blocks, and runs
+        of a stream within a block, must be in the order of time. A block may start within the chunk
+        of the last block's end. Raises ValueError for a run that breaks the contract of
+        :class:`SampleRun` or is out of order, and OutputError.
         """
-        stored = [self._add(run) for run in runs if len(run)]
-        # The next call may still add samples to the newest block; all earlier ones are complete.
-        self._write_blocks(sorted(self._open)[:-1])
-        return stored
+        yield from (self._add(run) for run in runs if len(run))
+        # The next call may still add samples to the newest chunk; all earlier ones are complete.
+        self._write_collected(max(self._open, default=0) * self._samples_per_chunk)
 
     def _add(self, run: SampleRun) -> SampleRun:
-        """Check a run, collect its samples by block, count them in the index, and return it with
+        """Check a run, collect its samples by chunk, count them in the index, and return it with
         the weights a reader will see. Raises ValueError for an unknown stream, an invalid run, or a
         sample out of order."""
         stream = self._streams.get((run.stream.effect_id, run.stream.body_id))
@@ -129,13 +135,18 @@ class TrackWriter:
         weights: npt.NDArray[Any] = run.weights.astype(np.float32)
         if not self.full_precision:
             weights = encode_weights(weights)
-        blocks = run.indices // layout.SAMPLES_PER_CHUNK
-        # Split the run at block borders; each part extends the builder of a block.
-        edges = np.flatnonzero(np.diff(blocks, prepend=-1, append=-1))
+        chunks = run.indices // self._samples_per_chunk
+        # Split the run at chunk borders; each part extends the builder of a chunk.
+        edges = np.flatnonzero(np.diff(chunks, prepend=-1, append=-1))
         for first, last in pairwise(edges.tolist()):
-            builders = self._open.setdefault(int(blocks[first]), {})
-            builder = builders.setdefault(stream, _SectionBuilder())
-            builder.extend(run, weights, first, last)
+            chunk = int(chunks[first])
+            before = self._open[chunk].get(stream, ())
+            part = _section_of(run, weights, slice(first, last), before)
+            start = chunk * self._samples_per_chunk
+            self._keep(chunk, replace(part, stream=stream, steps=part.steps - start))
+        # A chunk too large already will not fit when complete: its later samples need no memory.
+        while max(self._entries.values()) > MAX_SET_ENTRIES:
+            self._halve_chunks()
 
         index.add(
             layout.StreamIndex(
@@ -169,42 +180,42 @@ class TrackWriter:
             if size == self._samples_per_chunk:
                 self._put_chunk(chunk, part.chunk_bytes(chunk))
             else:
-                self._write_sections(part.sections(chunk), chunk * size)
+                self._collect(part.sections(chunk), chunk * size)
+                self._write_collected((chunk + 1) * size)
         for index, entry in zip(self._index, part.index, strict=True):
             index.add(entry)
 
-    def _write_blocks(self, blocks: list[int]) -> None:
-        """Write the collected blocks numbered ``blocks``, ascending, and remove the samples."""
-        for block in blocks:
-            builders = self._open.pop(block)
-            start = block * layout.SAMPLES_PER_CHUNK
-            sections = [builders[stream].section(stream, start) for stream in sorted(builders)]
-            self._write_sections(sections, start)
-            self._end = start + layout.SAMPLES_PER_CHUNK
+    def _keep(self, chunk: int, part: Section) -> None:
+        """Collect a part of a section, with vertex ids as short as the model allows."""
+        if self._vertex_counts[part.stream] <= 1 << 16:
+            part = replace(part, vertices=part.vertices.astype(np.uint16))
+        self._open[chunk].setdefault(part.stream, []).append(part)
+        self._entries[chunk] += len(part.vertices)
 
-    def _write_sections(self, sections: list[Section], start: int) -> None:
-        """Write sections of a block or chunk that starts at sample ``start`` as chunks; halves the
-        file's chunk size until all fit a reader."""
-        while (chunks := self._encoded(sections)) is None:
-            self._halve_chunks()
-        for number, content in sorted(chunks.items()):
-            self._put_chunk(start // self._samples_per_chunk + number, content)
-
-    def _encoded(self, sections: list[Section]) -> dict[int, bytes] | None:
-        """Encoded chunks of sections of one block, by number from its first; None if a chunk has
-        too many contacts or bytes for a reader."""
-        chunks: defaultdict[int, list[Section]] = defaultdict(list)
+    def _collect(self, sections: Iterable[Section], start: int) -> None:
+        """Collect sections of a chunk that started at sample ``start``, split at present chunks."""
         for section in sections:
             for number, part in section.parts(self._samples_per_chunk):
-                chunks[number].append(part)
-        # Counts first: encoding a chunk that no reader accepts takes long.
-        for parts in chunks.values():
-            entries = sum(len(part.vertices) for part in parts)
-            if entries > MAX_SET_ENTRIES or any(part.entry_count > MAX_ENTRIES for part in parts):
-                return None
-        encoded = {number: b"".join(map(encode, parts)) for number, parts in chunks.items()}
-        fits = all(len(content) <= layout.MAX_CHUNK_BYTES for content in encoded.values())
-        return encoded if fits else None
+                self._keep(start // self._samples_per_chunk + number, part)
+
+    def _write_collected(self, before: float) -> None:
+        """Write the collected chunks that start before a sample, and remove their samples; halves
+        all chunks until each fits a reader."""
+        while self._open and (start := min(self._open) * self._samples_per_chunk) < before:
+            chunk, sections = self._taken(min(self._open))
+            content = _encoded(sections)
+            if content is None:
+                self._collect(sections, start)
+                self._halve_chunks()
+            else:
+                self._put_chunk(chunk, content)
+
+    def _taken(self, chunk: int) -> tuple[int, list[Section]]:
+        """Number of a collected chunk, and its sections; these are collected no longer."""
+        del self._entries[chunk]
+        parts = self._open.pop(chunk)
+        # Removed one by one, so that no two copies of a chunk are in memory.
+        return chunk, [_joined(parts.pop(stream)) for stream in sorted(parts)]
 
     def _halve_chunks(self) -> None:
         """Rewrite the file with half as many samples per chunk; raises OutputError if a chunk has
@@ -224,14 +235,18 @@ class TrackWriter:
             shutil.copyfileobj(self._file, earlier)
             self._file.seek(0)
             self._file.truncate()
+            taken = [self._taken(chunk) for chunk in [*self._open]]
             self._samples_per_chunk //= 2
+            for chunk, sections in taken:
+                self._collect(sections, chunk * size)
             self._archive = zipfile.ZipFile(self._file, "w")
             self._put_header()
             with zipfile.ZipFile(earlier) as archive:
                 for chunk in chunks:
                     cursor = Cursor(archive.read(layout.chunk_name(chunk)), str(self.path))
-                    sections = read_sections(cursor, self.header, size, self.full_precision)
-                    self._write_sections(list(sections), chunk * size)
+                    parts = read_sections(cursor, self.header, size, self.full_precision)
+                    self._collect(parts, chunk * size)
+                    self._write_collected((chunk + 1) * size)
 
     def _put_chunk(self, chunk: int, content: bytes) -> None:
         """Write the encoded content of chunk number ``chunk``, and append the number to the
@@ -255,79 +270,73 @@ class TrackWriter:
         self._archive.writestr(entry, content)
 
 
-class _SectionBuilder:
-    """Collector of a stream's samples of a chunk; equal successive sets are stored once."""
+def _encoded(sections: Sequence[Section]) -> bytes | None:
+    """Encoded chunk; None if it has too many contacts or bytes for a reader."""
+    # Counts first: encoding a chunk that no reader accepts takes long.
+    entries = sum(len(section.vertices) for section in sections)
+    if entries > MAX_SET_ENTRIES or any(part.entry_count > MAX_ENTRIES for part in sections):
+        return None
+    content = b"".join(map(encode, sections))
+    return content if len(content) <= layout.MAX_CHUNK_BYTES else None
 
-    def __init__(self) -> None:
-        # By field name of Section, and by name of the channel.
-        self._columns: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(list)
-        self._channels: defaultdict[str, list[npt.NDArray[np.float32]]] = defaultdict(list)
 
-    def extend(self, run: SampleRun, weights: npt.NDArray[Any], first: int, last: int) -> None:
-        """Append copies of samples ``first`` to ``last - 1`` of a checked run; ``weights`` are the
-        stored weights of the whole run. Raises ValueError if the channels differ from those of
-        earlier samples."""
-        columns = self._columns
-        present = {name for name in CHANNELS if getattr(run, name) is not None}
-        if columns and present != self._channels.keys():
-            raise ValueError(f"effect '{run.stream.effect_id}': channels change within a chunk")
-        # Only the sets of these samples, cut out of the run's shared entries.
-        sets = run.set_of[first:last]
-        offsets = run.offsets[sets[0] : sets[-1] + 2]
-        low, high = int(offsets[0]), int(offsets[-1])
-        sizes, weights = np.diff(offsets), weights[low:high]
-        vertices = run.vertices[low:high].astype(np.int32)
-        is_new = np.diff(sets, prepend=-1) != 0
-        stays = np.zeros(len(sizes), np.bool_)
-        if not present:  # with channels every sample has its own set
-            stays = self._repeated(offsets - low, vertices, weights)
-            is_new &= ~stays[sets - sets[0]]
-        if stays.any():
-            entering = np.repeat(~stays, sizes)
-            sizes, vertices, weights = sizes[~stays], vertices[entering], weights[entering]
-        if len(sizes):
-            columns["sizes"].append(sizes)
-            columns["vertices"].append(vertices)
-            columns["weights"].append(weights)
-        columns["is_new"].append(is_new)
-        # Copies, made by astype(): the caller may reuse its arrays.
-        columns["steps"].append(run.indices[first:last].astype(np.int64))
-        columns["levels"].append(run.levels[first:last].astype(np.float64))
-        columns["parameters"].append(run.parameters[first:last].astype(np.float64))
-        if run.focus is not None:
-            columns["focus"].append(run.focus[first:last].astype(np.float32))
-        if run.drive is not None:
-            columns["drive"].append(run.drive.values[first:last].astype(np.float32))
-        for name in present:
-            values = getattr(run, name)[low:high].astype(np.float32)
-            self._channels[name].append(values.reshape(-1, CHANNELS[name]))
+def _section_of(
+    run: SampleRun, weights: npt.NDArray[Any], rows: slice, before: Sequence[Section]
+) -> Section:
+    """Copies of some ``rows`` of a checked run as a part of a section with the parts ``before``;
+    sets equal to the set before are left out. ``weights`` are the stored weights of the whole run.
+    Stream 0, and steps from sample 0. Raises ValueError if the channels differ from those
+    before."""
+    present = {name for name in CHANNELS if getattr(run, name) is not None}
+    if before and present != before[-1].channels.keys():
+        raise ValueError(f"effect '{run.stream.effect_id}': channels change within a chunk")
+    # Only the sets of these samples, cut out of the run's shared entries.
+    sets = run.set_of[rows]
+    offsets = run.offsets[sets[0] : sets[-1] + 2]
+    entries = slice(int(offsets[0]), int(offsets[-1]))
+    sizes, weights = np.diff(offsets), weights[entries]
+    vertices = run.vertices[entries].astype(np.int32)
+    is_new = np.diff(sets, prepend=-1) != 0
+    if not present:  # with channels every sample has its own set
+        stays = repeated_sets(offsets - offsets[0], vertices, weights)
+        # The first set is compared with the last one before.
+        last = next((part for part in reversed(before) if len(part.sizes)), None)
+        if last is not None and last.sizes[-1] == sizes[0]:
+            old, new = slice(len(last.vertices) - int(sizes[0]), None), slice(int(sizes[0]))
+            pairs = (last.vertices, vertices), (last.weights, weights)
+            stays[0] = all(np.array_equal(one[old], two[new]) for one, two in pairs)
+        is_new &= ~stays[sets - sets[0]]
+        entering = np.repeat(~stays, sizes)
+        sizes, vertices, weights = sizes[~stays], vertices[entering], weights[entering]
+    # Copies, made by astype(): the caller may reuse its arrays.
+    return Section(
+        stream=0,
+        steps=run.indices[rows].astype(np.int64),
+        levels=run.levels[rows].astype(np.float64),
+        parameters=run.parameters[rows].astype(np.float64),
+        is_new=is_new,
+        sizes=sizes,
+        vertices=vertices,
+        weights=weights.copy(),
+        channels={
+            name: getattr(run, name)[entries].astype(np.float32).reshape(-1, CHANNELS[name])
+            for name in present
+        },
+        focus=None if run.focus is None else run.focus[rows].astype(np.float32),
+        drive=None if run.drive is None else run.drive.values[rows].astype(np.float32),
+    )
 
-    def _repeated(
-        self,
-        offsets: npt.NDArray[np.int64],
-        vertices: npt.NDArray[np.int32],
-        weights: npt.NDArray[Any],
-    ) -> npt.NDArray[np.bool_]:
-        """Mask (m,) of sets with vertices and weights equal to the set before; the first is
-        compared with the last collected set."""
-        is_repeated = repeated_sets(offsets, vertices, weights)
-        columns = self._columns
-        last_size = int(columns["sizes"][-1][-1]) if columns["sizes"] else -1
-        # The second slice is for a size of 0, where the first one takes the whole array.
-        is_repeated[0] = last_size == offsets[1] and all(
-            np.array_equal(new[:last_size], columns[name][-1][-last_size:][:last_size])
-            for name, new in (("vertices", vertices), ("weights", weights))
-        )
-        return is_repeated
 
-    def section(self, stream: int, start: int) -> Section:
-        """Collected samples of stream number ``stream`` as a section of a block that starts at
-        sample ``start``; to be called once."""
-        indices = np.concatenate(self._columns.pop("steps"))
-        # Removed one by one, so that no two copies of a chunk are in memory.
-        columns = {n: np.concatenate(self._columns.pop(n)) for n in [*self._columns]}
-        channels = {n: np.concatenate(self._channels.pop(n)) for n in [*self._channels]}
-        return Section(stream=stream, steps=indices - start, channels=channels, **columns)
+def _joined(parts: Sequence[Section]) -> Section:
+    """Join parts of a section, in order of time."""
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name, column in vars(parts[0]).items()
+        if isinstance(column, np.ndarray)
+    }
+    columns["vertices"] = columns["vertices"].astype(np.int32)
+    channels = {n: np.concatenate([part.channels[n] for part in parts]) for n in parts[0].channels}
+    return replace(parts[0], channels=channels, **columns)
 
 
 def _check_rows(run: SampleRun, effect: TrackEffect) -> None:

@@ -213,3 +213,25 @@ def test_clips_are_distinguished_by_name_or_effect() -> None:
         ("Hit effect 0", ("e0",)),  # file names equal on some systems
         ("hit effect 2", ("e2",)),
     ]
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("limit", [150, 600, 2000])
+def test_calls_have_no_influence_on_the_size_of_chunks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, limit: int
+) -> None:
+    """Chunks are halved while their samples are collected, in blocks of 64 or at once."""
+    track_header = header(sample_count=500)
+    runs = _recording(track_header, seed)
+    monkeypatch.setattr(track_writer, "MAX_SET_ENTRIES", limit)
+    whole = _write(tmp_path / "whole", track_header, runs, False)
+    with TrackWriter(tmp_path / "blocks", track_header) as writer:
+        for low in range(0, 500, 64):
+            spans = [(item, *np.searchsorted(item.indices, (low, low + 64))) for item in runs]
+            parts = [cut(item, first, last) for item, first, last in spans if last > first]
+            for one in writer.stored(iter(parts)):
+                assert len(one)
+    assert (tmp_path / "blocks").read_bytes() == whole.read_bytes()
+    if limit == 150 and sum(map(len, runs)) > 300:  # chunks of over 500 vertices
+        with TrackReader(whole) as track:
+            assert track.samples_per_chunk < CHUNK
