@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import bpy
@@ -64,14 +65,21 @@ def stored_at(owner: bpy.types.ID, *names: str) -> Any:
 
 def limited(group: bpy.types.PropertyGroup, name: str) -> float:
     """Numeric property clamped to the hard limits; NaN stays NaN."""
-    limits = group.bl_rna.properties[name]
-    return float(min(max(getattr(group, name), limits.hard_min), limits.hard_max))
+    low, high = _hard_limits(type(group), name)
+    return float(min(max(getattr(group, name), low), high))
 
 
 def limited_vector(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ...]:
     """Array property with each number clamped to the hard limits."""
+    low, high = _hard_limits(type(group), name)
+    return tuple(min(max(v, low), high) for v in getattr(group, name))
+
+
+@lru_cache(maxsize=512)
+def _hard_limits(group: type[bpy.types.PropertyGroup], name: str) -> tuple[float, float]:
+    """Hard minimum and maximum of a numeric property."""
     limits = group.bl_rna.properties[name]
-    return tuple(min(max(v, limits.hard_min), limits.hard_max) for v in getattr(group, name))
+    return limits.hard_min, limits.hard_max
 
 
 def _bad_of(

@@ -147,7 +147,8 @@ def checked(
         return plan
     probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
     # Nothing moves still volumes at another time, and Blender has placed them.
-    effects = [k for k in haptics.active if k not in plan.still_numbers]
+    still = {*plan.still_numbers}
+    effects = [k for k in haptics.active if k not in still]
     truth = _as_evaluated(haptics, scene, reading, probes.tolist(), in_own_scene, effects)
     if agrees(plan, truth):
         return plan

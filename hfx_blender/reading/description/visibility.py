@@ -8,7 +8,7 @@ keyed, so the current frame does not decide. The eye icon and the camera icon ha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -78,7 +78,7 @@ def tag_unreported(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
         obj
         for obj in (*effects.effects_of(scene), *effects.bodies_of(scene))
         for copy in [obj.evaluated_get(layer.depsgraph)]
-        # Raw values of most unchanged objects are equal, and quick to compare.
+        # Raw values of most unchanged objects are equal, and quick to compare; NaN is not.
         if _raw(obj) != _raw(copy) and _content(obj) != _content(copy)
     ]
     for obj in changed:
@@ -86,11 +86,11 @@ def tag_unreported(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
     return bool(changed)
 
 
-def _raw(obj: bpy.types.Object) -> str:
-    """Text of an object's stored values; a data-block in the values has another text in copies."""
-    values = [*obj.items(), ("hfx", compat.stored_properties(obj).get("hfx"))]
-    groups = [(k, v.to_dict() if hasattr(v, "to_dict") else v) for k, v in values]
-    return repr([(k, v.to_list() if hasattr(v, "to_list") else v) for k, v in groups])
+def _raw(obj: bpy.types.Object) -> dict[str, Any]:
+    """An object's stored values by name; a data-block in the values is another one in copies."""
+    values = {**dict(obj.items()), "hfx": compat.stored_properties(obj).get("hfx")}
+    groups = {k: v.to_dict() if hasattr(v, "to_dict") else v for k, v in values.items()}
+    return {k: v.to_list() if hasattr(v, "to_list") else v for k, v in groups.items()}
 
 
 def _content(obj: bpy.types.Object) -> str:

@@ -105,7 +105,8 @@ def has_simulation_anywhere(scene: bpy.types.Scene) -> bool:
 
 def moves_particles(scene: bpy.types.Scene) -> bool:
     """Test for emitters or dynamic hair among a scene's objects and dependencies."""
-    return any(
+    # A file without settings of particles has no particle system; references are slow to follow.
+    return bool(bpy.data.particles) and any(
         system.settings.type == "EMITTER" or system.use_hair_dynamics
         for obj in _shown(scene)
         for system in obj.particle_systems
