@@ -195,7 +195,7 @@ def record_track(
                 single = ([pair] for pair in own_blocks(evaluated))
                 for chunk in _chunks(own_blocks(evaluated)) if renderers else single:
                     # Renderers get the runs as stored: quantised, and joined to whole chunks.
-                    # Without renderers a run is found, stored and freed before the next one.
+                    # Without renderers each run is stored and freed before the next is found.
                     runs = chain.from_iterable(own_runs for _, own_runs in chunk)
                     if renderers:
                         runs = joined_runs((own_runs for _, own_runs in chunk), header.streams)

@@ -235,17 +235,19 @@ class TrackWriter:
             shutil.copyfileobj(self._file, earlier)
             self._file.seek(0)
             self._file.truncate()
-            taken = [self._taken(chunk) for chunk in [*self._open]]
+            collected, self._open = self._open, defaultdict(dict)
+            self._entries.clear()
             self._samples_per_chunk //= 2
-            for chunk, sections in taken:
-                self._collect(sections, chunk * size)
+            for chunk, parts in collected.items():
+                for stream in [*parts]:  # one by one: a second copy of all would not fit
+                    self._collect([_joined(parts.pop(stream))], chunk * size)
             self._archive = zipfile.ZipFile(self._file, "w")
             self._put_header()
             with zipfile.ZipFile(earlier) as archive:
                 for chunk in chunks:
                     cursor = Cursor(archive.read(layout.chunk_name(chunk)), str(self.path))
-                    parts = read_sections(cursor, self.header, size, self.full_precision)
-                    self._collect(parts, chunk * size)
+                    sections = read_sections(cursor, self.header, size, self.full_precision)
+                    self._collect(sections, chunk * size)
                     self._write_collected((chunk + 1) * size)
 
     def _put_chunk(self, chunk: int, content: bytes) -> None:
