@@ -43,6 +43,10 @@ _LINKED = {
 }
 
 
+# Options of the system's compiler, which has the runtime of these checks; zig lacks it.
+_SANITIZED = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+
 class BuildError(Exception):
     """The library cannot be compiled."""
 
@@ -188,7 +192,9 @@ def fetched_compiler(say: Callable[[str], None]) -> Path:
     return compiler()
 
 
-def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
+def build(
+    target: Target, folder: Path, zig: Path, root: Path = ROOT, *, is_sanitized: bool = False
+) -> Path:
     """Compile the library into a folder; an older library is replaced atomically.
 
     Parameters
@@ -199,6 +205,9 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
         See :func:`compiler`.
     root : Path
         Root of the project.
+    is_sanitized : bool
+        True for a library that ends the process at an access beyond an array and at undefined
+        behaviour. ``zig`` is then the system's C compiler.
 
     Raises
     ------
@@ -206,10 +215,11 @@ def build(target: Target, folder: Path, zig: Path, root: Path = ROOT) -> Path:
         A source does not compile or link, or a file cannot be written.
     """
     sources = _sources(root)
+    kind = SanitizingCompiler if is_sanitized else Compiler
     try:
         with tempfile.TemporaryDirectory(prefix="hfx_native_", ignore_cleanup_errors=True) as name:
             work = Path(name)
-            run = Compiler(zig, target, work)
+            run = kind(zig, target, work)
             header = work / "hfx_build.h"
             declared = json.dumps(interface(sources.files()))  # a string in C, too
             defines = (
@@ -268,6 +278,25 @@ class Compiler(NamedTuple):
             raise BuildError((done.stderr or done.stdout).strip() or "the compiler said nothing")
 
 
+class SanitizingCompiler(Compiler):
+    """The system's C compiler, with checks of memory and of undefined behaviour."""
+
+    def __call__(self, *arguments: str) -> None:
+        # These would end the checks, or the use of the runtime library of the checks.
+        unfit = {"-fno-sanitize=undefined", "-g0", "-nostdlib", "-Wl,-z,defs"}
+        fitting = [argument for argument in arguments if argument not in unfit]
+        done = subprocess.run(
+            [str(self.zig), *fitting, *_SANITIZED],
+            cwd=self.work,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=900,
+        )
+        if done.returncode:
+            raise BuildError((done.stderr or done.stdout).strip() or "the compiler said nothing")
+
+
 def _flags(folder: Path) -> list[str]:
     lines = (folder / "flags.txt").read_text(encoding="utf-8").splitlines()
     return [line.strip() for line in lines if line.strip() and not line.startswith("#")]
@@ -305,13 +334,20 @@ def main() -> int:
         metavar="DIR",
         help="default: folder of engine/native/library.py",
     )
+    parser.add_argument(
+        "--sanitize",
+        action="store_true",
+        help="for a test of the sources: compile by cc, with checks of memory and behaviour",
+    )
     options = parser.parse_args()
     target = TARGETS.get(options.platform) or this_target()
     if target is None:
         sys.stderr.write("No library is built for this computer; name a --platform.\n")
         return 2
     try:
-        library = build(target, options.output or ROOT / NATIVE, compiler())
+        zig = Path("cc") if options.sanitize else compiler()
+        folder = options.output or ROOT / NATIVE
+        library = build(target, folder, zig, is_sanitized=options.sanitize)
     except BuildError as error:
         sys.stderr.write(f"{error}\n")
         return 3

@@ -147,9 +147,9 @@ class NarrowPhaseCall:
         column_of: I64,
     ) -> None:
         # Work space per call: threads must not share it.
-        skin = table.structure()
+        skin = table.structure
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
-        room = np.empty(2 * skin.most_room + 27 * most_bones + 2)
+        room = np.empty(skin.most_room + 27 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))
         is_single = weights.dtype == np.float32
         self._results = structure("hfx_found")(

@@ -168,7 +168,7 @@ class Clusters:
         distances, differences = (np.empty(last) for last in at[:, -1])
         room = np.empty(2 * self.most_bones)
         loaded().hfx_find_links(
-            *(table.structure(), self.table, len(clusters)),
+            *(table.structure, self.table, len(clusters)),
             *(clusters, at, room, distances, differences),
         )
         self._point_to(clusters, {6: (distances, at[0]), 7: (differences, at[1])})
@@ -231,7 +231,7 @@ class CellGroups:
             np.empty(pairs),
         ]
         loaded().hfx_cell_groups(
-            *(table.structure(), table.mesh.structure, surface.table, own and own.table),
+            *(table.structure, table.mesh.structure, surface.table, own and own.table),
             *(len(clusters), clusters, place_of_vertex, counts, room),
             structure("hfx_found_groups")(*firsts, *arrays),
         )

@@ -60,7 +60,7 @@ class SkinTable:
         1 if the first of these corners already are all neighbours of a unit.
     steps, finest, wholes, sample_starts : (Q,)
         For each quad: samples along each side at rest, and the most in any pose; fraction of the
-        cell's area of all samples; first sample.
+        cell's area of all samples; first sample in the cluster's array.
     quads : (Q, 10) float64
         Placement of the samples of each quad: fractions of the ways to both other corners for its
         points on the two edges, then both for its inner point; area of a sample as a fraction of
@@ -68,9 +68,12 @@ class SkinTable:
         ignored).
     most_samples, largest_cell : (clusters,), int
         Largest number of samples of a cell in each cluster, and of a filled cell.
-    samples : (4, S) float64
-        Placement of each sample: barycentric fractions towards both other corners; height
-        relative to the size of the triangle; fraction of the cell's area.
+    samples : dict of (4, S) float64
+        For each filled cluster, placement of the samples of all clusters filled at the same time:
+        barycentric fractions towards both other corners; height relative to the size of the
+        triangle; fraction of the cell's area.
+    blocks, rooms : (clusters,) int64
+        For each filled cluster, address of the array of samples, and its number S.
     """
 
     def __init__(
@@ -116,29 +119,24 @@ class SkinTable:
         self.wholes = np.zeros(quads)
         self.sample_starts, self.quads = np.zeros(quads, np.int64), np.zeros((quads, 10))
         self.most_samples = np.ones(len(cells), np.int64)
-        self._sample_count, self.largest_cell = 0, 1
-        self.samples = np.zeros((4, 0))
-        self._structure: tuple[Any, F64 | None] = None, None
+        self.largest_cell = 1
+        self.samples: dict[int, F64] = {}
+        self.blocks, self.rooms = np.zeros((2, len(cells)), np.int64)
 
     def need(self, clusters: I64) -> None:
         """Fill clusters not filled before; ``clusters`` are ids in any order. Updates the arrays in
-        place."""
+        place, and adds an array of samples."""
         new = missing_ids(self._is_made, clusters)
         if not len(new):
             return
-        self._sample_count = count = self._fill(new)
-        if count > self.samples.shape[1]:
-            # Grown by copying, because other threads may read the old array.
-            larger = np.empty((4, max(count, 2 * self.samples.shape[1])))
-            larger[:, : self.samples.shape[1]] = self.samples
-            self.samples = larger
-        loaded().hfx_place_samples(self.structure(), len(new), new)
+        samples = np.empty((4, self._fill(new)))
+        loaded().hfx_place_samples(self.structure, len(new), new, samples, samples.shape[1])
+        self.samples.update(dict.fromkeys(new.tolist(), samples))
         self._is_made[new] = True
         self.largest_cell = int(self.most_samples.max())
 
     def _fill(self, clusters: I64) -> int:
-        """Fill in clusters (k,), ascending, except their samples. Returns the number of samples to
-        be held including these clusters."""
+        """Fill in clusters (k,), ascending, except their samples. Returns the number of samples."""
         first = self.starts[clusters]
         quads = self.quad_starts[first + self.unit_counts[clusters]] - self.quad_starts[first]
         cells = int((self.cell_starts[clusters + 1] - self.cell_starts[clusters]).max())
@@ -151,25 +149,18 @@ class SkinTable:
             np.empty(cells, np.int64),
         )
         spacing = structure("hfx_spacing")(*self._spacing, self._most_share)
-        shared = self.structure(), self.mesh.structure, spacing
-        count: int = loaded().hfx_fill(*shared, len(clusters), clusters, self._sample_count, *rooms)
+        shared = self.structure, self.mesh.structure, spacing
+        count: int = loaded().hfx_fill(*shared, len(clusters), clusters, *rooms)
         return count
 
+    @cached_property
     def structure(self) -> Any:
-        """Cached ``hfx_table``; rebuilt after the samples have moved to a larger array."""
-        known, of_samples = self._structure
-        samples = self.samples
-        # The C structure holds addresses: a grown array of samples needs a new structure.
-        if of_samples is not samples:
-            kind = structure("hfx_table")
-            names = (name for name, _ in kind._fields_)
-            known = kind(
-                *(samples.shape[1] if name == "room" else getattr(self, name) for name in names)
-            )
-            # Work space of the largest cluster, float64 elements; see ``hfx_narrow_phase``.
-            rooms = 6 * self.place_counts + 3 * self.unit_counts + np.diff(self.cell_starts)
-            known.most_room = int(rooms.max(initial=0))
-            self._structure = known, samples
+        """``hfx_table`` of these arrays, valid as long as the table lives."""
+        kind = structure("hfx_table")
+        known = kind(*(getattr(self, name) for name, _ in kind._fields_))
+        # Work space of the largest cluster, float64 elements; see ``hfx_narrow_phase``.
+        rooms = 12 * self.place_counts + 7 * self.unit_counts + 2 * np.diff(self.cell_starts)
+        known.most_room = int(rooms.max(initial=0))
         return known
 
     @cached_property

@@ -34,6 +34,36 @@ def test_weights_are_gathered_by_row_and_cleared_for_those_that_come_next(precis
     assert not weights.any()
 
 
+@pytest.mark.parametrize("precision", [np.float32, np.float64])
+@pytest.mark.parametrize("columns", [1, 63, 64, 65, 200])
+def test_weights_of_many_columns_are_those_of_numpy(columns, precision):
+    rng = np.random.default_rng(columns)
+    values = rng.random((40, columns)) * (rng.random((40, columns)) < 0.02)
+    values = np.repeat(values, rng.integers(1, 4, 40), axis=0).astype(precision)  # some rows stay
+    vertices = np.arange(columns, dtype=np.int32) * 3 + 1
+    is_reported = rng.random(len(values)) < 0.9
+    table = Table()
+    weights = gathering.no_weights(table, *values.shape, precision)
+    weights[:] = values
+    gathered = gathering.gathered(table, weights, vertices, is_reported, False)
+    assert not weights.any()
+    felt = np.flatnonzero(values.any(axis=1) & is_reported)
+    changed = np.array(
+        [k == 0 or (values[felt[k]] != values[felt[k - 1]]).any() for k in range(len(felt))]
+    )
+    sets = values[felt[changed]] if len(felt) else values[:0]
+    counts = np.count_nonzero(sets, axis=1)
+    expected = (
+        felt,
+        np.cumsum(changed) - 1,
+        np.cumsum([0, *counts]),
+        vertices[np.nonzero(sets)[1]],
+        sets[np.nonzero(sets)],
+    )
+    for actual, reference_value in zip(gathered, expected, strict=True):
+        np.testing.assert_array_equal(actual, reference_value)
+
+
 def test_weights_in_use_and_of_other_kinds_are_not_given_twice():
     table, other_table = Table(), Table()
     first = gathering.no_weights(table, 2, 2, np.float32)

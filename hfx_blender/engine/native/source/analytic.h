@@ -10,6 +10,7 @@
 
 #include "mesh.h"
 #include "numbers.h"
+#include "pairs_of_numbers.h"
 
 enum { HFX_CUBOID, HFX_SPHERE, HFX_CYLINDER, HFX_CAPSULE, HFX_MESH };
 
@@ -47,6 +48,22 @@ static inline double hfx_share(hfx_shape shape, const double p[3]) {
     case HFX_CYLINDER: return hfx_larger(sqrt(hfx_dot2(p, p)), fabs(p[2]));
     default: return sqrt(hfx_from_segment(shape.half, p));
   }
+}
+
+// Gauges of two places, x, y and z of both; `is_sign_enough`: only whether they are above 1 has to be
+// right, so that squares may stand for them.
+static inline hfx_two hfx_gauges(hfx_shape shape, const hfx_two p[3], int64_t is_sign_enough) {
+  hfx_two high = hfx_sizes(p[2]), squared = p[0] * p[0] + p[1] * p[1];
+  switch (shape.kind) {
+    case HFX_CUBOID: return hfx_larger_two(hfx_larger_two(hfx_sizes(p[0]), hfx_sizes(p[1])), high);
+    case HFX_SPHERE: squared += p[2] * p[2]; break;
+    case HFX_CYLINDER: return hfx_larger_two(is_sign_enough ? squared : hfx_roots(squared), high);
+    default: {
+      hfx_two beyond = hfx_larger_two(high - shape.half, (hfx_two){0.0, 0.0});
+      squared += beyond * beyond;
+    }
+  }
+  return is_sign_enough ? squared : hfx_roots(squared);
 }
 
 static inline int hfx_contains(hfx_shape shape, const double p[3]) {

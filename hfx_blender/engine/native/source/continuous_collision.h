@@ -223,13 +223,13 @@ static inline int64_t follow_quad(context *ctx, posed_pair *before, posed_pair *
   int64_t interval = now->row - 1;
   uint64_t open = EVERY_STEP;
   triangle a, b;
-  corners_of(ctx, before, unit, quad, a.corners);
-  corners_of(ctx, now, unit, quad, b.corners);
-  double bound = hfx_larger(bulge_bound(ctx, before, unit, quad), bulge_bound(ctx, now, unit, quad));
+  find_corners(ctx, before, unit, quad, &a);
+  find_corners(ctx, now, unit, quad, &b);
+  double bound = hfx_larger(bulge_bound(before, unit, &a), bulge_bound(now, unit, &b));
   if (steps == 1 && stays_outside(ctx, before, now, unit, quad, &a, &b, bound)) return count;
   // Samples of the start stand outwards as the skin did there.
-  find_edges(ctx, before, quad, &a);
-  find_edges(ctx, now, quad, &b);
+  find_edges(ctx, before, &a);
+  find_edges(ctx, now, &b);
   double bulge = hfx_larger(a.bulge, b.bulge);
   if (steps == 1 && bulge < bound && stays_outside(ctx, before, now, unit, quad, &a, &b, bulge)) return count;
   if (steps > 1) open = open_steps(ctx, drift, steps, kind, interval, &a, &b);
@@ -237,7 +237,7 @@ static inline int64_t follow_quad(context *ctx, posed_pair *before, posed_pair *
   int64_t number = steps_of(ctx, before, quad, &a), later = steps_of(ctx, now, quad, &b);
   number = number > later ? number : later;
   for (int64_t k = 0; k < number * number; k++) {
-    hfx_sample s = sample_of(ctx->table, quad, number, k);
+    hfx_sample s = sample_of(ctx, quad, number, k);
     double start[3], end[3], path[MOST_STEPS + 1][3];
     place_sample(&s, &a, start);
     place_sample(&s, &b, end);

@@ -27,38 +27,65 @@ HFX_EXPORT int64_t hfx_columns(int64_t pairs, const int64_t *clusters, int64_t c
   return count;
 }
 
-#define GATHERING(name, real)                                                                      \
+#define TOGETHER 64  // columns: where all are 0, none is looked at one by one, and no memory is written
+
+static inline int64_t end_of(int64_t from, int64_t columns) {
+  return columns - from < TOGETHER ? columns : from + TOGETHER;
+}
+
+// `whole` is an integer as large as a weight.
+#define GATHERING(name, real, whole)                                                               \
+  static int any_##name(const real *weights, int64_t from, int64_t to) {                           \
+    whole any = 0;                                                                                 \
+    for (int64_t k = from; k < to; k++) any |= weights[k] != 0;                                    \
+    return any != 0;                                                                               \
+  }                                                                                                \
+  static int differ_##name(const real *weights, const real *before, int64_t from, int64_t to) {    \
+    whole any = 0;                                                                                 \
+    for (int64_t k = from; k < to; k++) any |= weights[k] != before[k];                            \
+    return any != 0;                                                                               \
+  }                                                                                                \
+  static void clear_##name(real *weights, int64_t columns) {                                       \
+    for (int64_t k = 0; weights && k < columns; k += TOGETHER)                                     \
+      if (any_##name(weights, k, end_of(k, columns)))                                              \
+        memset(weights + k, 0, (size_t)(end_of(k, columns) - k) * sizeof(real));                   \
+  }                                                                                                \
   static void gather_##name(int64_t rows, int64_t columns, real *weights, const uint8_t *reported, \
                             const int32_t *vertices, int64_t own_sets, int64_t *at, int64_t *sets, \
                             int64_t *offsets, int32_t *found, real *values, int64_t *counts) {     \
     real *before = 0;                                                                              \
     int64_t felt = 0, set = 0, total = 0;                                                          \
-    size_t size = (size_t)columns * sizeof(real);                                                  \
     offsets[0] = 0;                                                                                \
     for (int64_t n = 0; n < rows; n++, weights += columns) {                                       \
-      int64_t any = 0, changed = !before || own_sets;                                              \
-      for (int64_t k = 0; k < columns; k++) any |= weights[k] != 0;                                \
-      if (!any) continue;                                                                          \
+      int64_t first = 0;                                                                           \
+      while (first < columns && !any_##name(weights, first, end_of(first, columns)))               \
+        first += TOGETHER;                                                                         \
+      if (first >= columns) continue;                                                              \
       if (!reported[n]) {                                                                          \
-        memset(weights, 0, size);                                                                  \
+        clear_##name(weights, columns);                                                            \
         continue;                                                                                  \
       }                                                                                            \
-      for (int64_t k = 0; !changed && k < columns; k++) changed = weights[k] != before[k];         \
-      if (before) memset(before, 0, size);                                                         \
+      int changed = !before || own_sets;                                                           \
+      for (int64_t k = 0; !changed && k < columns; k += TOGETHER)                                  \
+        changed = differ_##name(weights, before, k, end_of(k, columns));                           \
+      clear_##name(before, columns);                                                               \
       before = weights;                                                                            \
-      for (int64_t k = 0; changed && k < columns; k++) {                                           \
-        found[total] = vertices[k], values[total] = weights[k];                                    \
-        total += weights[k] != 0;  /* without a branch: there is room for all */                   \
+      for (int64_t from = first; changed && from < columns; from += TOGETHER) {                    \
+        if (!any_##name(weights, from, end_of(from, columns))) continue;                           \
+        for (int64_t k = from; k < end_of(from, columns); k++) {                                   \
+          found[total] = vertices[k], values[total] = weights[k];                                  \
+          total += weights[k] != 0; /* without a branch: there is room for all */                  \
+        }                                                                                          \
       }                                                                                            \
       if (changed) offsets[++set] = total;                                                         \
       at[felt] = n, sets[felt++] = set - 1;                                                        \
     }                                                                                              \
-    if (before) memset(before, 0, size);                                                           \
+    clear_##name(before, columns);                                                                 \
     counts[0] = felt, counts[1] = set, counts[2] = total;                                          \
   }
 
-GATHERING(single, float)
-GATHERING(double, double)
+GATHERING(single, float, int32_t)
+GATHERING(double, double, int64_t)
 
 // Rows with any weight, ascending, and which set of vertices each has: a new one where it differs
 // from that of the row before, or `own_sets` says so. `offsets` (rows + 1,) are where sets begin among

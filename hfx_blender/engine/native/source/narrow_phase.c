@@ -14,7 +14,7 @@ typedef struct {
   const int64_t *column_of;   // of cells
   int64_t columns, is_single;
   int64_t posed;              // number of places posed, counted up
-  double *room;               // 27 bones + 2 (6 places + 3 units + cells) + 2 of the largest cluster
+  double *room;               // 27 bones + 2 (6 places + 3 units + cells) + units + 2 of the largest cluster
   event *events;              // twice the most samples of a cell
 } hfx_found;
 
@@ -27,14 +27,36 @@ typedef struct {
   const hfx_surface_places *surface;
 } hfx_posing;
 
+// The same share, of the samples at rest and a volume with a formula: two samples at once.
+static double sampled_by_formula(const context *ctx, int64_t quad, const triangle *t) {
+  const hfx_table *table = ctx->table;
+  const double *samples = table->blocks[ctx->number] + table->sample_starts[quad];
+  int64_t room = table->rooms[ctx->number], count = table->steps[quad] * table->steps[quad];
+  double sum = 0.0;
+  for (int64_t k = 0; k < count; k += 2) {
+    int64_t next = k + 1 < count ? k + 1 : k;  // no sample comes after the last: its share is 0
+    hfx_two points[3], shares = {samples[3 * room + k], next > k ? samples[3 * room + next] : 0.0};
+    hfx_two one = {samples[k], samples[next]}, other = {samples[room + k], samples[room + next]};
+    hfx_two height = {samples[2 * room + k], samples[2 * room + next]};
+    for (int i = 0; i < 3; i++)
+      points[i] = t->edges[0][i] * one + t->corners[0][i] + t->edges[1][i] * other + t->normal[i] * height;
+    hfx_two weights = weights_of_two(ctx, points) * shares;
+    sum += weights[0];
+    sum += weights[1];
+  }
+  return sum;
+}
+
 // The weighted share of a cell that samples of a quad make, `steps` both ways.
 static double sampled(context *ctx, int64_t quad, int64_t steps, const triangle *t) {
+  if (steps == ctx->table->steps[quad] && !ctx->shape.mesh && !ctx->details)
+    return sampled_by_formula(ctx, quad, t);
   double points[TOGETHER_AT_ONCE][3], shares[TOGETHER_AT_ONCE], weights[TOGETHER_AT_ONCE], sum = 0.0;
   for (int64_t first = 0; first < steps * steps; first += TOGETHER_AT_ONCE) {
     int64_t count = steps * steps - first;
     if (count > TOGETHER_AT_ONCE) count = TOGETHER_AT_ONCE;
     for (int64_t k = 0; k < count; k++) {
-      hfx_sample s = sample_of(ctx->table, quad, steps, first + k);
+      hfx_sample s = sample_of(ctx, quad, steps, first + k);
       place_sample(&s, t, points[k]);
       shares[k] = s.share;
     }
@@ -69,7 +91,7 @@ static int needs_samples(context *ctx, posed_pair *pair, int64_t unit, int64_t f
 // The weighted share of a cell that a quad makes beside its unit's vertex.
 static double cover_quad(context *ctx, posed_pair *pair, int64_t unit, int64_t q, int is_searched) {
   triangle t;
-  corners_of(ctx, pair, unit, q, t.corners);
+  find_corners(ctx, pair, unit, q, &t);
   double deepest = pair->clearance[unit], shallowest = deepest;
   for (int k = 0; k < 2; k++) {
     double clearance = pair->clearance[ctx->table->around[2 * q + k] - ctx->first];
@@ -78,9 +100,9 @@ static double cover_quad(context *ctx, posed_pair *pair, int64_t unit, int64_t q
   // With a corner inside no plane parts triangle and volume. Else a cheap bound of the bulge is
   // tried first, then the bulge itself, which needs normals.
   int may_be_apart = !(shallowest <= 0.0);
-  double bound = bulge_bound(ctx, pair, unit, q);
+  double bound = bulge_bound(pair, unit, &t);
   if (may_be_apart && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, bound)) return 0.0;
-  find_edges(ctx, pair, q, &t);
+  find_edges(ctx, pair, &t);
   if (may_be_apart && t.bulge < bound && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, t.bulge))
     return 0.0;
   // All corners deeper than the triangle bulges: the quad is inside as a whole.
@@ -117,37 +139,32 @@ static double cover(context *ctx, posed_pair *pair, int64_t unit, int64_t from, 
   return sum;
 }
 
-static inline double loaded(const hfx_found *found, int64_t at) {
-  return found->is_single ? (double)((const float *)found->weights)[at]
-                          : ((const double *)found->weights)[at];
-}
-
-static inline void store(const hfx_found *found, int64_t at, double weight) {
-  if (found->is_single)
-    ((float *)found->weights)[at] = (float)weight;
-  else
-    ((double *)found->weights)[at] = weight;
+// Stores a weight; returns it as it is stored.
+static inline double store(const hfx_found *found, int64_t at, double weight) {
+  if (!found->is_single) return ((double *)found->weights)[at] = weight;
+  return ((float *)found->weights)[at] = (float)weight;
 }
 
 enum { INSIDE = 1, PASSED = 2 };
 
-// States that a cell may have: inside at a pair, or passed on the way from the one before it.
-static int possible_states(const context *ctx, const posed_pair *before, posed_pair *now, int64_t from,
-                           int64_t to, int is_followed) {
-  const double *reaches = ctx->table->reaches + ctx->first;
-  int possible = 0;
-  for (int64_t u = from; u < to; u++) {
-    double bound = now->gaps[u];
-    if (is_followed) bound = hfx_larger(before->gaps[u], bound);
-    bound *= reaches[u];
-    double since = before->least[u] - ctx->moved - SPARE * (fabs(before->least[u]) + ctx->moved);
-    now->least[u] = since > now->floor ? since : now->floor;
-    double until = before->most[u] + ctx->moved + SPARE * (fabs(before->most[u]) + ctx->moved);
-    now->most[u] = until < now->ceiling ? until : now->ceiling;
-    if (is_followed && !(since > bound)) possible |= PASSED;
-    if (!(now->least[u] > bound)) possible |= INSIDE;
+// Bounds of the clearances of a pair's units, and the states that each may have: inside at the pair, or
+// passed on the way from the one before it. Without a branch, so that several are computed at once.
+static void find_states(const context *ctx, const posed_pair *before, posed_pair *now, int64_t units,
+                        int is_followed, int64_t *restrict states) {
+  const double *restrict reaches = ctx->table->reaches + ctx->first, *restrict gaps = now->gaps;
+  const double *restrict earlier_gaps = is_followed ? before->gaps : gaps;
+  const double *restrict earlier_least = before->least, *restrict earlier_most = before->most;
+  double *restrict least = now->least, *restrict most = now->most;
+  double moved = ctx->moved, floor = now->floor, ceiling = now->ceiling;
+  int64_t passed = is_followed ? PASSED : 0;
+  for (int64_t u = 0; u < units; u++) {
+    double bound = hfx_larger(earlier_gaps[u], gaps[u]) * reaches[u];
+    double since = earlier_least[u] - moved - SPARE * (fabs(earlier_least[u]) + moved);
+    double until = earlier_most[u] + moved + SPARE * (fabs(earlier_most[u]) + moved);
+    least[u] = since > floor ? since : floor;
+    most[u] = until < ceiling ? until : ceiling;
+    states[u] = (since > bound ? 0 : passed) | (least[u] > bound ? 0 : INSIDE);
   }
-  return possible;
 }
 
 // The most of what find_gaps takes of any unit of a cluster, times how far its skin reaches.
@@ -188,7 +205,8 @@ static int is_apart(const context *ctx, const posed_pair *before, const posed_pa
 }
 
 // Resets the state of a cluster's pairs.
-static void reset_pairs(const context *ctx, double *room, posed_pair both[2], gap_factors *most) {
+static void reset_pairs(const context *ctx, double *room, posed_pair both[2], gap_factors *most,
+                        int64_t **states) {
   const hfx_table *table = ctx->table;
   int64_t c = ctx->number, places = table->place_counts[c], units = table->unit_counts[c];
   int64_t cells = table->cell_starts[c + 1] - table->cell_starts[c];
@@ -196,6 +214,7 @@ static void reset_pairs(const context *ctx, double *room, posed_pair both[2], ga
   room = (double *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
   for (int k = 0; k < 2; k++) both[k].matrices = (hfx_two *)take(&room, 12 * bones);
   most->apart = take(&room, bones);
+  *states = (int64_t *)take(&room, units);
   for (int k = 0; k < 2; k++) {
     posed_pair *each = both + k;
     each->spread.apart = take(&room, bones);
@@ -251,7 +270,7 @@ static void find_vertex(context *ctx, const hfx_cluster *own, posed_pair *now, i
 
 // Share of a cell of a pair that is inside. `has_own`: its vertex is no unit.
 static double inside(context *ctx, const hfx_cluster *own, int has_own, int64_t row, posed_pair *now,
-                     int64_t cell, int64_t from, int64_t to, int how, int possible) {
+                     int64_t cell, int64_t from, int64_t to, int how, int64_t possible) {
   if (how == HFX_WHOLE) return 1.0;
   if (how == HFX_NOT || !((how == HFX_BY_VERTEX && has_own) || (possible & INSIDE))) return 0.0;
   if (how == HFX_BY_VERTEX && !has_own) return weight_of(ctx, place_of(ctx, now, cell));
@@ -291,6 +310,7 @@ typedef struct {
   const hfx_drift *drift;
   const hfx_found *found;
   posed_pair both[2], *now, *before;
+  int64_t *states;  // (units,) of now
   gap_factors most;
   int is_reset;  // both pairs belong to the present cluster
   int has_own;   // vertices of cells are no units
@@ -331,7 +351,7 @@ static void begin_cluster(search_call *call, int64_t cluster) {
 static void bound_units(search_call *call, pair_task *task) {
   context *ctx = call->ctx;
   if (!call->is_reset) {
-    reset_pairs(ctx, call->found->room, call->both, &call->most);
+    reset_pairs(ctx, call->found->room, call->both, &call->most, &call->states);
     find_gap_factors(ctx, task->units, &call->most);
   }
   call->is_reset = 1;
@@ -345,6 +365,7 @@ static void bound_units(search_call *call, pair_task *task) {
     now->least[u] = now->floor, now->most[u] = now->ceiling;
   if (task->needs_units) find_gaps(ctx, now);
   if (task->needs_units && task->is_followed) find_gaps(ctx, before);
+  if (task->needs_units) find_states(ctx, before, now, task->units, task->is_followed, call->states);
 }
 
 // Weights of a pair whose cells are all inside.
@@ -378,17 +399,22 @@ static void weigh_cells(search_call *call, const pair_task *task) {
   context *ctx = call->ctx;
   const hfx_found *found = call->found;
   posed_pair *before = call->before, *now = call->now;
+  const int64_t *cell_of = ctx->table->cell_of + ctx->first;
   int64_t to = 0;
   for (int64_t k = 0; k < task->cells; k++) {
-    int64_t from = to, column = found->column_of[task->first_cell + k] + task->row * found->columns;
-    while (task->needs_units && to < task->units && ctx->table->cell_of[ctx->first + to] == task->first_cell + k)
-      to++;
-    int possible = task->needs_units ? possible_states(ctx, before, now, from, to, task->is_followed) : 0;
+    int64_t from = to, possible = 0;
+    for (; task->needs_units && to < task->units && cell_of[to] == task->first_cell + k; to++)
+      possible |= call->states[to];
+    if (!possible && task->how < HFX_BY_VERTEX) {
+      if (task->is_kept) now->weights[k] = 0.0;
+      continue;
+    }
+    int64_t column = found->column_of[task->first_cell + k] + task->row * found->columns;
     if (ctx->details && (possible || task->how >= HFX_BY_VERTEX))
       begin_details(ctx, task->own, now, task->row, k, column);
     double share = inside(ctx, task->own, call->has_own, task->row, now, k, from, to, task->how, possible);
-    if (share != 0.0) store(found, column, share);
-    if (task->needs_units || task->is_kept) now->weights[k] = loaded(found, column);
+    if (share != 0.0) share = store(found, column, share);
+    if (task->is_kept) now->weights[k] = share;
     if (possible & PASSED) follow_cell(call, task, k, from, to, column);
   }
 }

@@ -96,6 +96,17 @@ static inline double weight_of(context *ctx, const double p[3]) {
   return strength_of(ctx->target, 1.0 - hfx_share(ctx->shape, p));
 }
 
+// The weights of two places, x, y and z of both, by the formula of a volume.
+static inline hfx_two weights_of_two(const context *ctx, const hfx_two p[3]) {
+  const hfx_target *target = ctx->target;
+  hfx_two gauge = hfx_gauges(ctx->shape, p, target->is_flat);
+  if (target->is_flat) return hfx_chosen(gauge <= 1.0, (hfx_two){1.0, 1.0}, (hfx_two){0.0, 0.0});
+  hfx_two share = {target->share, target->share}, rise = 1.0 - gauge;
+  hfx_two t = hfx_chosen(rise < share, rise, share) / share;
+  if (target->is_smooth) t = t * t * (3.0 - 2.0 * t);
+  return hfx_chosen(rise > 0.0, t, (hfx_two){0.0, 0.0});
+}
+
 // Weights of at most TOGETHER_AT_ONCE places.
 static inline void weigh(context *ctx, const double (*points)[3], int64_t count, double *weights) {
   if (!ctx->shape.mesh) {
@@ -260,51 +271,53 @@ static inline void find_normal(const context *ctx, posed_pair *pair, const doubl
     squared += world * world;
   }
   double size = sqrt(sqrt(squared));
-  int usable = 1;
+  double lost = 0.0;  // not a number, if any of these is not or is endless
   for (int i = 0; i < 3; i++) {
     normal[i] = hfx_dot(pair->turns[1] + 3 * i, cross) / size;
-    usable &= isfinite(normal[i]) != 0;
+    lost += normal[i] - normal[i];
   }
-  if (!usable) normal[0] = normal[1] = normal[2] = 0.0;
+  if (lost != 0.0) normal[0] = normal[1] = normal[2] = 0.0;
 }
 
-// A quad's triangle as it is posed: a corner, both edges from it, outwards where it is curved, and how far
-// its skin bulges.
+// A quad's triangle as it is posed: its corners, both edges from the first, outwards where it is curved, and
+// how far its skin bulges, which is its height as a share of the normal.
 typedef struct {
-  double corners[3][3], edges[2][3], normal[3], bulge;
+  double corners[3][3], edges[2][3], normal[3], height, bulge;
 } triangle;
 
 // No less than how far the skin of a quad bulges, of a unit whose gap is known: a triangle's normal is as long
 // as the square root of twice its area, in the world.
-static inline double bulge_bound(const context *ctx, const posed_pair *pair, int64_t unit, int64_t quad) {
-  return SLACK * hfx_height(ctx->table->quads + quad) * pair->skew * pair->exact_gaps[unit];
+static inline double bulge_bound(const posed_pair *pair, int64_t unit, const triangle *t) {
+  return SLACK * t->height * pair->skew * pair->exact_gaps[unit];
 }
 
-// Corners of the triangle of a quad; all of them are posed.
-static inline void corners_of(const context *ctx, const posed_pair *pair, int64_t unit, int64_t quad,
-                              double corners[3][3]) {
+// Corners and height of the triangle of a quad; all of them are posed.
+static inline void find_corners(const context *ctx, const posed_pair *pair, int64_t unit, int64_t quad,
+                                triangle *t) {
   for (int k = 0; k < 3; k++) {
     int64_t place = k ? ctx->table->around[2 * quad + k - 1] - ctx->first : unit;
-    for (int i = 0; i < 3; i++) corners[k][i] = pair->points[3 * place + i];
+    for (int i = 0; i < 3; i++) t->corners[k][i] = pair->points[3 * place + i];
   }
+  t->height = hfx_height(ctx->table->quads + quad);
 }
 
-static inline void find_edges(const context *ctx, posed_pair *pair, int64_t quad, triangle *t) {
+// Edges, normal and bulge of a triangle whose corners are known.
+static inline void find_edges(const context *ctx, posed_pair *pair, triangle *t) {
   for (int k = 0; k < 2; k++)
     for (int i = 0; i < 3; i++) t->edges[k][i] = t->corners[1 + k][i] - t->corners[0][i];
   t->normal[0] = t->normal[1] = t->normal[2] = t->bulge = 0.0;
-  double height = hfx_height(ctx->table->quads + quad);
-  if (!(height > 0.0)) return;
+  if (!(t->height > 0.0)) return;
   find_normal(ctx, pair, t->edges[0], t->edges[1], t->normal);
-  t->bulge = SLACK * height * sqrt(hfx_dot(t->normal, t->normal));
+  t->bulge = SLACK * t->height * sqrt(hfx_dot(t->normal, t->normal));
 }
 
 // Number `k` of a quad's samples, where it has `steps` both ways.
-static inline hfx_sample sample_of(const hfx_table *table, int64_t quad, int64_t steps, int64_t k) {
-  int64_t known = table->steps[quad];
+static inline hfx_sample sample_of(const context *ctx, int64_t quad, int64_t steps, int64_t k) {
+  const hfx_table *table = ctx->table;
+  int64_t known = table->steps[quad], room = table->rooms[ctx->number];
   if (steps == known) {
-    const double *s = table->samples + table->sample_starts[quad] + k;
-    return (hfx_sample){s[0], s[table->room], s[2 * table->room], s[3 * table->room]};
+    const double *s = table->blocks[ctx->number] + table->sample_starts[quad] + k;
+    return (hfx_sample){s[0], s[room], s[2 * room], s[3 * room]};
   }
   double number = (double)steps, fewer = (double)known / number;
   hfx_sample at = hfx_sample_at(table->quads + quad, ((double)(k / steps) + 0.5) / number,
@@ -375,7 +388,8 @@ static inline int64_t steps_of(const context *ctx, posed_pair *pair, int64_t qua
   }
   double most = 4.0 * number * number * allowed * (1.0 + 2.0 * ROUNDING);
   if (!(hfx_diagonal(table->quads + quad, squares, number) > most)) return steps;
-  double wanted = hfx_steps_within(table->quads + quad, squares, sqrt(allowed));
+  double longest = hfx_diagonal(table->quads + quad, squares, INFINITY);
+  double wanted = hfx_steps_within(table->quads + quad, squares, longest, sqrt(allowed));
   return wanted < (double)finest ? (int64_t)wanted : finest;
 }
 

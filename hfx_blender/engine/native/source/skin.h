@@ -35,8 +35,8 @@ typedef struct {
   double *wholes;                                                    // of quads
   hfx_quad *quads;
   int64_t *most_samples;                                             // of clusters
-  double *samples;                                                   // (4, room)
-  int64_t room;
+  const double **blocks;                                             // of clusters: (4, rooms) samples
+  int64_t *rooms;                                                    // of clusters
   int64_t is_simple, is_split;
   double spacing_share, distance_m;  // how far skin may be from its samples; see engine/tolerance.py
 } hfx_table;

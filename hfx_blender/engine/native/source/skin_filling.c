@@ -93,8 +93,9 @@ static double fill_quads(const hfx_table *table, const hfx_skin_mesh *mesh, cons
     hfx_quad *quad = table->quads + first + k;
     extents[k] = quad_at(mesh, spacing->closeness, ring, quad);
     area += extents[k].total;
+    double longest = hfx_diagonal(quad, extents[k].squares, INFINITY);
     for (int i = 0; i < 2; i++)
-      *steps[i]++ = (int64_t)hfx_steps_within(quad, extents[k].squares, distances[i]);
+      *steps[i]++ = (int64_t)hfx_steps_within(quad, extents[k].squares, longest, distances[i]);
     table->unit_of[first + k] = unit;
     for (int i = 0; i < 2; i++) table->around[2 * (first + k) + i] = place[ring[1 + i]];
     balance[ring[1]]++;
@@ -138,14 +139,14 @@ static void share_out(const hfx_table *table, const hfx_spacing *spacing, int64_
   table->means[unit] = table->is_split ? mean / area : 0.0;
 }
 
-// See SkinTable.need: all but the samples, of which there are `samples` before. Returns how many
-// there are then. `place` and `balance` hold zeros for the vertices of the mesh, `extents` what is
+// See SkinTable.need: all but the samples. Returns how many there are. `place` and `balance` hold zeros for the vertices of the mesh, `extents` what is
 // known of the quads of a cluster; `areas` and `cells` hold numbers for a cluster's units and cells,
 // `counts` for its cells.
 HFX_EXPORT int64_t hfx_fill(const hfx_table *table, const hfx_skin_mesh *mesh,
                             const hfx_spacing *spacing, int64_t requested, const int64_t *clusters,
-                            int64_t samples, int64_t *place, int64_t *balance, extent *extents,
+                            int64_t *place, int64_t *balance, extent *extents,
                             double *areas, double *cells, int64_t *counts) {
+  int64_t samples = 0;
   for (int64_t k = 0; k < requested; k++) {
     int64_t c = clusters[k], start = table->starts[c], end = start + table->unit_counts[c];
     int64_t first = table->cell_starts[c], count = table->cell_starts[c + 1] - first;
@@ -175,14 +176,15 @@ HFX_EXPORT int64_t hfx_fill(const hfx_table *table, const hfx_skin_mesh *mesh,
   return samples;
 }
 
-// Writes the samples of the quads of these clusters, as hfx_fill left them.
-HFX_EXPORT void hfx_place_samples(const hfx_table *table, int64_t requested, const int64_t *clusters) {
-  int64_t room = table->room;
+// Writes the samples (4, room) of the clusters of the last call of hfx_fill.
+HFX_EXPORT void hfx_place_samples(const hfx_table *table, int64_t requested, const int64_t *clusters,
+                                  double *samples, int64_t room) {
   for (int64_t k = 0; k < requested; k++) {
     int64_t start = table->starts[clusters[k]], end = start + table->unit_counts[clusters[k]];
+    table->blocks[clusters[k]] = samples, table->rooms[clusters[k]] = room;
     for (int64_t u = start; u < end; u++)
       for (int64_t q = table->quad_starts[u]; q < table->quad_starts[u + 1]; q++) {
-        double *sample = table->samples + table->sample_starts[q], number = (double)table->steps[q];
+        double *sample = samples + table->sample_starts[q], number = (double)table->steps[q];
         for (int64_t i = 0; i < table->steps[q]; i++)
           for (int64_t j = 0; j < table->steps[q]; j++, sample++) {
             double s = ((double)i + 0.5) / number, t = ((double)j + 0.5) / number;

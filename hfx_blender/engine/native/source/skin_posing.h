@@ -7,6 +7,7 @@
 #include <math.h>
 
 #include "numbers.h"
+#include "pairs_of_numbers.h"
 #include "skin.h"
 
 // No less than what a matrix whose rows are `width` apart stretches any direction by: the norm of
@@ -34,11 +35,6 @@ static inline void hfx_find_matrix(const double *posed, int64_t posed_bones, int
     matrix[3] += target[3];
   }
 }
-
-typedef double hfx_two __attribute__((vector_size(16)));
-
-// Two doubles as in arrays, which need not be aligned.
-typedef double hfx_loose __attribute__((vector_size(16), aligned(8), may_alias));
 
 // The matrices of a cluster's bones at a row, one after the other: 6 of these each.
 static inline void hfx_find_matrices(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
@@ -145,12 +141,6 @@ static inline void hfx_find_spread(const hfx_cluster *cluster, const hfx_bones *
     spread->middle[i] = mean[4 * i] * centre[0] + mean[4 * i + 1] * centre[1] +
                        mean[4 * i + 2] * centre[2] + mean[4 * i + 3];
   spread->radius = farthest + spread->along * cluster->moved[5];
-}
-
-typedef int64_t hfx_mask __attribute__((vector_size(16)));
-
-static inline hfx_two hfx_sizes(hfx_two values) {
-  return (hfx_two)((hfx_mask)values & (hfx_mask){INT64_MAX, INT64_MAX});
 }
 
 // Largest squared distance that anything in a box can have moved from one matrix to another.

@@ -63,11 +63,13 @@ static inline double hfx_diagonal(const hfx_quad *quad, const double squares[3],
 
 // Parts along each side of a quad, so that no place of a part is farther than the distance from the sample
 // in its middle; no more than MOST_DIVIDED. Parts are skewed where a pose stretches the triangle; it does so
-// by one matrix, so that the squares tell all.
-static inline double hfx_steps_within(const hfx_quad *quad, const double squares[3], double distance) {
-  double steps = INFINITY;
+// by one matrix, so that the squares tell all. `longest` is the diagonal for steps without end.
+static inline double hfx_steps_within(const hfx_quad *quad, const double squares[3], double longest,
+                                      double distance) {
+  double steps = 1.0;
   for (int k = 0; k < 2; k++) {
-    steps = ceil(sqrt(hfx_diagonal(quad, squares, steps)) / (2.0 * distance) - ROUNDING);
+    double diagonal = k ? hfx_diagonal(quad, squares, steps) : longest;
+    steps = ceil(sqrt(diagonal) / (2.0 * distance) - ROUNDING);
     steps = steps > 1.0 ? steps : 1.0;
   }
   return steps < MOST_DIVIDED ? steps : MOST_DIVIDED;
