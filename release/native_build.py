@@ -347,6 +347,8 @@ def main() -> int:
     try:
         zig = Path("cc") if options.sanitize else compiler()
         folder = options.output or ROOT / NATIVE
+        if options.sanitize:
+            target = target._replace(zig="sanitized")  # another mark: installations replace it
         library = build(target, folder, zig, is_sanitized=options.sanitize)
     except BuildError as error:
         sys.stderr.write(f"{error}\n")

@@ -70,7 +70,7 @@ class _Patch:
         counts = self.steps**2
         owner = np.repeat(np.arange(len(counts)), counts)
         step = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-        values = self.table.samples[of_samples, self.sample_starts[owner] + step]
+        values = self.table.samples[self.cluster][of_samples, self.sample_starts[owner] + step]
         return np.bincount(owner, values, len(counts))
 
 
@@ -148,7 +148,7 @@ def test_all_skin_is_as_near_to_its_sample_as_the_tolerance_asks(tolerance: Tole
             along, across = corners[quad, 1:] - corners[quad, 0]
             steps = int(patch.steps[quad])
             first = int(patch.sample_starts[quad])
-            one, second = table.samples[:2, first : first + steps * steps]
+            one, second = table.samples[patch.cluster][:2, first : first + steps * steps]
             edge, side, inner, inner_2 = _places(model, patch.vertices[rings[quad]])
             ticks = np.linspace(0.0, 1.0, 4)
             for k in range(steps * steps):
