@@ -86,9 +86,9 @@ def _find(name_or_path: str | Path, folder: Path | None) -> DeviceConfig:
     text = str(name_or_path)
     if is_file(name_or_path):
         return device_from(read(Path(text)))  # raises: no such file, or no device with sides
-    if not text:
-        raise InputError("Name a device.")
     known = ", ".join(list_devices(folder)) or "none"
+    if not text:
+        raise InputError(f"A device's name is missing; there are: {known}.")
     raise InputError(f"Device '{text[:100]}' is unknown; there are: {known}.")
 
 

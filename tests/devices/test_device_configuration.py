@@ -465,7 +465,8 @@ def test_missing_files_and_folders(tmp_path):
     "name", ["", "..", "nothing", "back_pad_left", "schema", "a" * 300, "a\0b"]
 )
 def test_unknown_names_list_the_known(name):
-    with pytest.raises(InputError, match=r"is unknown; there are: .*back_pad, .*fan_heater"):
+    fault = "is unknown" if name else "A device's name is missing"
+    with pytest.raises(InputError, match=rf"{fault}; there are: .*back_pad, .*fan_heater"):
         load_device(name)
 
 
