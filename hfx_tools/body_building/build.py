@@ -16,7 +16,6 @@ from hfx_blender.engine.body.model import (
     AVATAR_ID,
     Avatar,
     PerceptualModel,
-    WalkCycle,
     load,
     load_model,
 )
@@ -37,6 +36,7 @@ from . import (
     stats,
     thresholds,
     walk,
+    walk_cycle,
 )
 from . import source as source_data
 from .left_skin import Half, LeftSkin
@@ -250,7 +250,7 @@ def _ranges(ascending: Any) -> list[list[int]]:
     return np.column_stack((first, last)).tolist()  # type: ignore[no-any-return]
 
 
-def _write_avatar(folder: Path, avatar: Avatar, cycle: WalkCycle) -> dict[str, Any]:
+def _write_avatar(folder: Path, avatar: Avatar, cycle: walk_cycle.WalkCycle) -> dict[str, Any]:
     """Write avatar and walk cycle; returns both entries of the manifest."""
     model_file.save(avatar, folder / model_set.AVATAR_FILE)
     model_file.save(cycle, folder / "walk.npz")

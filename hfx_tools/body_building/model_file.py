@@ -16,10 +16,11 @@ from hfx_blender.engine.body.model import (
     PerceptualModel,
     Skeleton,
     SkinWeights,
-    WalkCycle,
     stored_arrays,
 )
 from hfx_blender.files.atomic import atomic_file
+
+from .walk_cycle import WalkCycle
 
 
 def save(item: PerceptualModel | Avatar | WalkCycle, path: Path) -> None:

@@ -14,8 +14,10 @@ from typing import Final
 import numpy as np
 
 from hfx_blender.engine.arrays import F64
-from hfx_blender.engine.body.model import Avatar, Skeleton, WalkCycle
+from hfx_blender.engine.body.model import Avatar, Skeleton
 from hfx_blender.engine.body.parts import LEFT, PARTS
+
+from .walk_cycle import WalkCycle
 
 RATE_HZ: Final = 30.0
 FRAMES: Final = 32

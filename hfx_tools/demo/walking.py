@@ -10,8 +10,9 @@ import numpy as np
 
 from hfx_blender.blender import compat
 from hfx_blender.blender.scene_info import fps_of
-from hfx_blender.engine.body.model import WalkCycle, load_walk
 from hfx_blender.errors import InputError
+
+from ..body_building.walk_cycle import WalkCycle, load_walk
 
 
 def add_walk(

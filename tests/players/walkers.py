@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-from hfx_blender.engine.body.model import load_model, load_skeleton, load_walk
+from hfx_blender.engine.body.model import load_model, load_skeleton
 from hfx_blender.engine.response_filters.controls import (
     CONTROLS,
     WIDTH,
@@ -31,6 +31,7 @@ from hfx_blender.engine.scene import (
 )
 from hfx_blender.engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 from hfx_blender.engine.volume.shape import Falloff, FalloffKind, Shape
+from hfx_tools.body_building.walk_cycle import load_walk
 
 F64 = npt.NDArray[np.float64]
 RATE_HZ = 90

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dataclasses of body models (perceptual model, avatar, skeleton, walk cycle) and their files.
+"""Dataclasses of body models (perceptual model, avatar, skeleton) and their files.
 
 Coordinates are in *rest space*: the space of the canonical armature in its rest pose, metres,
 Z up, body facing -Y, left side at +X, soles at Z = 0.
@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import InputError
-from ...files import limits, resources
+from ...files import limits
 from ..arrays import F32, F64, I32, I64, NPZ_DAMAGE, U8
 from . import model_library
 from .model_library import manifest as manifest
@@ -111,19 +111,7 @@ class Avatar:
         return _content_hash(self)
 
 
-@dataclass(frozen=True, eq=False)
-class WalkCycle:
-    """Seamless cycle of walking in place for the canonical skeleton."""
-
-    rate_hz: float
-    stride_m: float  # distance walked in one cycle
-    bone_names: tuple[str, ...]
-    rotations: F32  # (T, B, 4) quaternions (w, x, y, z); the last frame precedes the first
-    root_offset_m: F32  # (T, 3) rest-space offset of the root bone
-    provenance: dict[str, Any]
-
-
-_Stored = TypeVar("_Stored", PerceptualModel, Avatar, WalkCycle)
+_Stored = TypeVar("_Stored")
 _Hashed = TypeVar("_Hashed", PerceptualModel, Avatar)
 
 
@@ -154,8 +142,8 @@ def _content_hash(item: PerceptualModel | Avatar) -> str:
 
 
 def load(kind: type[_Stored], path: Path) -> _Stored:
-    """Read a perceptual model, avatar or walk cycle from an .npz file. Raises InputError: the file
-    is missing, damaged, of another kind or of a newer version."""
+    """Read a perceptual model, avatar or another dataclass from an .npz file. Raises InputError:
+    the file is missing, damaged, of another kind or of a newer version."""
     meta, arrays = _read(kind, path)
     if kind is PerceptualModel:
         _check_model(path, meta, arrays)
@@ -303,9 +291,3 @@ def _loaded(kind: type[_Hashed], entry: model_library.Entry) -> _Hashed:
             f"says '{entry.id}' ({expected_hash[:12]}...). Build or copy the model again."
         )
     return item
-
-
-@lru_cache(maxsize=1)
-def load_walk() -> WalkCycle:
-    """Shipped walk cycle; cached."""
-    return load(WalkCycle, resources.body_models() / manifest()["walk"]["file"])

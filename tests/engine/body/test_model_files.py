@@ -13,7 +13,7 @@ import pytest
 
 from hfx_blender.engine.body import model
 from hfx_blender.errors import InputError, OutputError
-from hfx_tools.body_building import model_file
+from hfx_tools.body_building import model_file, walk_cycle
 
 
 def assert_equal(one: Any, second: Any) -> None:
@@ -28,7 +28,7 @@ def assert_equal(one: Any, second: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "get", (model.load_avatar, model.load_walk, lambda: model.load_model("hfx-temperature-1"))
+    "get", (model.load_avatar, walk_cycle.load_walk, lambda: model.load_model("hfx-temperature-1"))
 )
 def test_models_survive_saving_byte_by_byte(get: Any, tmp_path: Path) -> None:
     item = get()
@@ -97,7 +97,7 @@ def test_a_dimension_beyond_64_bits_is_refused(tmp_path: Path) -> None:
 
 def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "walk.npz"
-    model_file.save(model.load_walk(), path)
+    model_file.save(walk_cycle.load_walk(), path)
     with pytest.raises(InputError, match="expected a PerceptualModel"):
         model.load(model.PerceptualModel, path)
 
@@ -131,4 +131,4 @@ def test_damage_anywhere_in_a_file_is_found(where: float, tmp_path: Path) -> Non
 
 def test_an_unwritable_place_is_an_output_error(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
-        model_file.save(model.load_walk(), tmp_path / "no folder" / "walk.npz")
+        model_file.save(walk_cycle.load_walk(), tmp_path / "no folder" / "walk.npz")

@@ -8,6 +8,7 @@ import pytest
 
 from hfx_blender.engine.body import model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
+from hfx_tools.body_building import walk_cycle
 
 
 def rotation(quaternion: np.ndarray) -> np.ndarray:
@@ -21,7 +22,7 @@ def rotation(quaternion: np.ndarray) -> np.ndarray:
     )
 
 
-def posed_bones(bones: model.Skeleton, walk: model.WalkCycle, frame: int) -> np.ndarray:
+def posed_bones(bones: model.Skeleton, walk: walk_cycle.WalkCycle, frame: int) -> np.ndarray:
     """Return bone matrices in rest space, by Blender's rule: parent, offset at rest, local
     rotation.
     """
@@ -39,8 +40,8 @@ def posed_bones(bones: model.Skeleton, walk: model.WalkCycle, frame: int) -> np.
 
 
 @pytest.fixture(scope="module")
-def walk() -> model.WalkCycle:
-    return model.load_walk()
+def walk() -> walk_cycle.WalkCycle:
+    return walk_cycle.load_walk()
 
 
 @pytest.fixture(scope="module")
@@ -49,14 +50,14 @@ def bones() -> model.Skeleton:
 
 
 @pytest.fixture(scope="module")
-def heads(walk: model.WalkCycle, bones: model.Skeleton) -> dict[str, np.ndarray]:
+def heads(walk: walk_cycle.WalkCycle, bones: model.Skeleton) -> dict[str, np.ndarray]:
     """Return the path of each joint over the cycle: name -> (T, 3)."""
     posed = np.array([posed_bones(bones, walk, t) for t in range(len(walk.rotations))])
     return {name: posed[:, number, :3, 3] for number, name in enumerate(bones.bone_names)}
 
 
 @pytest.fixture(scope="module")
-def skins(walk: model.WalkCycle, bones: model.Skeleton) -> np.ndarray:
+def skins(walk: walk_cycle.WalkCycle, bones: model.Skeleton) -> np.ndarray:
     """Return the avatar's vertices in every frame, (T, V, 3)."""
     from scipy.sparse import csr_array
 
@@ -73,13 +74,15 @@ def skins(walk: model.WalkCycle, bones: model.Skeleton) -> np.ndarray:
     return np.array(frames)
 
 
-def test_the_walk_uses_the_canonical_skeleton(walk: model.WalkCycle, bones: model.Skeleton) -> None:
+def test_the_walk_uses_the_canonical_skeleton(
+    walk: walk_cycle.WalkCycle, bones: model.Skeleton
+) -> None:
     assert walk.bone_names == bones.bone_names
     assert walk.rotations.shape == (len(walk.root_offset_m), 163, 4)
     assert np.linalg.norm(walk.rotations, axis=-1) == pytest.approx(1.0, abs=1e-6)
 
 
-def test_pace_is_that_of_a_person(walk: model.WalkCycle) -> None:
+def test_pace_is_that_of_a_person(walk: walk_cycle.WalkCycle) -> None:
     duration_s = len(walk.rotations) / walk.rate_hz
     assert 0.9 < duration_s < 1.3
     assert 1.0 < walk.stride_m / duration_s < 1.5
@@ -93,7 +96,7 @@ def test_the_lowest_foot_is_always_on_the_ground(skins: np.ndarray) -> None:
 
 @pytest.mark.parametrize("side", (LEFT, RIGHT))
 def test_the_standing_sole_goes_with_the_ground(
-    skins: np.ndarray, walk: model.WalkCycle, side: int
+    skins: np.ndarray, walk: walk_cycle.WalkCycle, side: int
 ) -> None:
     avatar = model.load_avatar()
     sole = (avatar.part == PARTS.index("foot_sole")) & (avatar.side == side)
@@ -148,7 +151,7 @@ def test_the_loop_is_smooth_at_the_seam(heads: dict[str, np.ndarray]) -> None:
         assert change.max() < 0.045, name  # metres a frame, a frame: 40 m/s^2
 
 
-def test_the_walk_is_in_place(walk: model.WalkCycle) -> None:
+def test_the_walk_is_in_place(walk: walk_cycle.WalkCycle) -> None:
     assert np.ptp(walk.root_offset_m[:, 1]) == 0.0
     assert np.ptp(walk.root_offset_m[:, 0]) < 0.06
     assert np.ptp(walk.root_offset_m[:, 2]) < 0.06
