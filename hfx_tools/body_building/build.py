@@ -25,6 +25,7 @@ from hfx_blender.engine.body.parts import PARTS
 from . import (
     assemble,
     correspondence,
+    joint_gradient,
     left_skin,
     level_making,
     model_file,
@@ -39,6 +40,7 @@ from . import (
     walk_cycle,
 )
 from . import source as source_data
+from .joint_gradient import JointGradient
 from .left_skin import Half, LeftSkin
 from .meshes import geodesic, measure, quadric, remesh
 from .progress import Progress, quiet
@@ -61,6 +63,7 @@ def build(
     targets: thresholds.Targets = thresholds.LITERATURE_MM,
     progress: Progress = quiet,
     method: str = "cells",
+    joint_factor: float = 1.0,
 ) -> dict[str, Any]:
     """Build a perceptual model for each modality; canonical models come with avatar and walk cycle.
 
@@ -77,22 +80,31 @@ def build(
         Called with the finished share, 0..1, and the current step.
     method : str
         Name from :data:`METHODS`.
+    joint_factor : float
+        Spacing of pressure and vibration at the joints of arm and leg, relative to the middle of
+        the limb; see :class:`.joint_gradient.JointGradient`. Below 1 only with the method "cells".
 
     Returns the written manifest.
 
     Raises
     ------
     InputError
-        The source data is missing or cannot be read.
+        The source data is missing or cannot be read, or the factor is not allowed; see
+        :func:`.joint_gradient.check`.
     OutputError
         The folder or a file in it cannot be written.
     UsageError
-        Non-canonical targets or method with the folder of the canonical models.
+        Non-canonical targets, method or factor with the folder of the canonical models.
     """
     if method not in METHODS:
         raise ValueError(f"method: expected one of {METHODS}, got '{method}'")
-    is_canonical = targets == thresholds.LITERATURE_MM and method == "cells"
-    model_set.prepare(destination, None if is_canonical else "other targets or another method")
+    joint_gradient.check(joint_factor, targets)
+    if joint_factor != 1.0 and method != "cells":
+        raise ValueError(f"joint_factor: expected 1 with the method '{method}', got {joint_factor}")
+    is_canonical = targets == thresholds.LITERATURE_MM and method == "cells" and joint_factor == 1.0
+    model_set.prepare(
+        destination, None if is_canonical else "other targets, another method or a joint gradient"
+    )
     progress(0.0, "reading the source")
     data = source_data.read(source_data.locate(source))
     names = skeleton.bone_order(data.rig)
@@ -116,10 +128,13 @@ def build(
             progress(at + by * 0.9 * done, f"{what}: {text}")
 
         spacing_m = np.array(spacings_mm) / 1000.0
-        thinned = {method: _THIN[method](left, spacing_m, share_of_progress)}
-        if method == "cells":
+        own_factor = joint_factor if modality in joint_gradient.MODALITIES else 1.0
+        gradient = joint_gradient.make(bones, own_factor)
+        thinned = {method: _THIN[method](left, spacing_m, gradient, share_of_progress)}
+        # Decimation has one spacing a part: no comparison for a model with a gradient.
+        if method == "cells" and gradient is joint_gradient.UNIFORM:
             share_of_progress(1.0, "quadric decimation, to compare")
-            compared_mesh = thinned["quadric"] = _quadric(left, spacing_m, quiet)
+            compared_mesh = thinned["quadric"] = _quadric(left, spacing_m, gradient, quiet)
             compared[modality] = stats.decimated(
                 compared_mesh.half, compared_mesh.gaps_m, compared_mesh.errors_m
             )
@@ -129,8 +144,9 @@ def build(
             **_SOURCE,
             "method": chosen.method,
             "targets_mm": dict(zip(PARTS, spacings_mm, strict=True)),
+            **gradient.provenance(),
         }
-        identity = thresholds.model_id(modality, spacings_mm, method)
+        identity = thresholds.model_id(modality, spacings_mm, method, own_factor)
         model = assemble.model(
             identity, modality, chosen.half, chosen.areas_m2, avatar, dense, provenance
         )
@@ -144,7 +160,7 @@ def build(
         shape_variation.write(data, source_data.locate(source), avatar, destination)
     manifest["models"] = {
         model.id: model_set.model_entry(model)
-        | ({"quadric": compared[model.modality]} if compared else {})
+        | ({"quadric": compared[model.modality]} if model.modality in compared else {})
         for model in models
     }
     _write_models(destination, models, is_canonical)
@@ -189,9 +205,9 @@ class _Thinned:
     seconds: float  # processor time
 
 
-def _cells(left: LeftSkin, spacing_m: F64, progress: Progress) -> _Thinned:
+def _cells(left: LeftSkin, spacing_m: F64, gradient: JointGradient, progress: Progress) -> _Thinned:
     began = time.process_time()
-    mesh = remesh.remesh(left, spacing_m, progress)
+    mesh = remesh.remesh(left, spacing_m, progress, gradient)
     seconds = round(time.process_time() - began, 1)
     return _Thinned(
         remesh.METHOD,
@@ -203,7 +219,9 @@ def _cells(left: LeftSkin, spacing_m: F64, progress: Progress) -> _Thinned:
     )
 
 
-def _quadric(left: LeftSkin, spacing_m: F64, progress: Progress) -> _Thinned:
+def _quadric(
+    left: LeftSkin, spacing_m: F64, _gradient: JointGradient, progress: Progress
+) -> _Thinned:
     progress(0.0, "quadric decimation")
     began = time.process_time()
     half = quadric.decimate(left, spacing_m)

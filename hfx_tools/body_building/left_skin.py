@@ -11,6 +11,7 @@ import numpy as np
 from hfx_blender.engine.arrays import F64, I64, U8, Bool
 from hfx_blender.engine.body.parts import CENTRE, RIGHT
 
+from .joint_gradient import UNIFORM, JointGradient
 from .meshes import mesh_edges
 from .outer_skin import Skins
 
@@ -86,8 +87,8 @@ def left_of(skins: Skins, part: U8, side: U8) -> LeftSkin:
     return LeftSkin(medium, points, normals, quads, left_ids)
 
 
-def sample(skin: LeftSkin, spacing_m: F64) -> Samples:
-    """Sample points in a regular grid on every quad, fine enough for the part's spacing.
+def sample(skin: LeftSkin, spacing_m: F64, gradient: JointGradient = UNIFORM) -> Samples:
+    """Sample points in a regular grid on every quad, fine enough for the local spacing.
 
     ``spacing_m`` (parts,) float64.
     """
@@ -99,8 +100,9 @@ def sample(skin: LeftSkin, spacing_m: F64) -> Samples:
         np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]), axis=1
     )
     sides = np.sqrt(areas)
+    local_m = spacing_m[part] * gradient.relative(skin.points[vertex], part)
     divisions = np.maximum(
-        np.rint(sides * SAMPLES_ACROSS / spacing_m[part]), np.ceil(sides / SOURCE_SPACING_M)
+        np.rint(sides * SAMPLES_ACROSS / local_m), np.ceil(sides / SOURCE_SPACING_M)
     ).astype(int)
     pieces: list[tuple[F64, F64, F64, I64]] = []
     for division in np.unique(divisions):

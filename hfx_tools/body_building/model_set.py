@@ -64,7 +64,7 @@ def model_entry(model: PerceptualModel) -> dict[str, Any]:
 
 
 def _origin(item: Avatar | PerceptualModel) -> dict[str, Any]:
-    keys = ("source", "licence", "canonical", "method")
+    keys = ("source", "licence", "canonical", "method", "joint_gradient")
     facts = {key: item.provenance[key] for key in keys if key in item.provenance}
     if isinstance(item, Avatar):
         facts.pop("method", None)

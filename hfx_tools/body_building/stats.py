@@ -13,6 +13,7 @@ from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body.model import PerceptualModel
 from hfx_blender.engine.body.parts import PARTS
 
+from . import joint_gradient
 from .left_skin import Half
 from .meshes.mesh_edges import edges_of
 from .thresholds import NOTE_ON_TABLE_1, TABLE_1_MM, TABLE_1_SD_MM
@@ -39,7 +40,9 @@ class Row:
 def spacing_m(model: PerceptualModel) -> tuple[F64, F64]:
     """Mean and standard deviation of the distance between neighbours, by part.
 
-    Neighbours are the ends of an edge with both ends in the part.
+    Neighbours are the ends of an edge with both ends in the part. In a model with a joint gradient
+    each distance is divided by the relative spacing at the middle of its edge, so that mean and
+    standard deviation compare with the part's target.
 
     Returns
     -------
@@ -49,6 +52,9 @@ def spacing_m(model: PerceptualModel) -> tuple[F64, F64]:
     ends = edges_of(model.triangles.astype(np.int64), len(model)).ends
     vertices = model.vertices.astype(np.float64)
     lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+    middles = 0.5 * (vertices[ends[:, 0]] + vertices[ends[:, 1]])
+    gradient = joint_gradient.of(model.provenance)
+    lengths /= gradient.relative(middles, model.part[ends[:, 0]])
     mean, sd = np.full(len(PARTS), np.nan), np.full(len(PARTS), np.nan)
     for number in range(len(PARTS)):
         own = lengths[(model.part[ends] == number).all(axis=1)]
@@ -63,11 +69,13 @@ def statistics(model: PerceptualModel, gaps_m: F64, errors_m: F64) -> dict[str, 
     Parameters
     ----------
     gaps_m : (parts,) float64
-        Largest distance from a point of the part's skin to the nearest vertex.
+        Largest distance from a point of the part's skin to the nearest vertex, divided by the
+        relative spacing at the point.
     errors_m : (parts,) float64
         Mean distance of the part's skin from the mesh.
     """
     mean, sd = spacing_m(model)
+    gradient = joint_gradient.of(model.provenance)
     result: dict[str, Any] = {}
     for number, part in enumerate(PARTS):
         result[part] = {
@@ -79,6 +87,9 @@ def statistics(model: PerceptualModel, gaps_m: F64, errors_m: F64) -> dict[str, 
             "gap_mm": _to_mm(gaps_m[number]),
             "error_mm": _to_mm(errors_m[number]),
         }
+        if part in gradient.joints_m:
+            target_mm = result[part]["target_mm"]
+            result[part]["target_at_joints_mm"] = round(gradient.factor * target_mm, 3)
     return result
 
 

@@ -131,12 +131,20 @@ def canonical_id(modality: str) -> str:
     return f"hfx-{modality}-1"
 
 
-def model_id(modality: str, spacings_mm: tuple[float, ...], method: str = "cells") -> str:
-    """Id of a model: the canonical id, for other spacings with a hash, for another method with
-    its name.
+def model_id(
+    modality: str,
+    spacings_mm: tuple[float, ...],
+    method: str = "cells",
+    joint_factor: float = 1.0,
+) -> str:
+    """Id of a model: the canonical id, for other spacings or a joint gradient with a hash of both,
+    for another method with its name.
     """
     identity = canonical_id(modality)
-    if spacings_mm != LITERATURE_MM[modality]:
-        digest = hashlib.sha256(",".join(f"{value:.4f}" for value in spacings_mm).encode())
+    if spacings_mm != LITERATURE_MM[modality] or joint_factor != 1.0:
+        facts = [f"{value:.4f}" for value in spacings_mm]
+        if joint_factor != 1.0:
+            facts.append(f"joints {joint_factor:.4f}")
+        digest = hashlib.sha256(",".join(facts).encode())
         identity = f"{identity}-{digest.hexdigest()[:8]}"
     return identity if method == "cells" else f"{identity}-{method}"

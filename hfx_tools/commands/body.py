@@ -36,6 +36,13 @@ def add_parser(commands: Any) -> None:
         help="spacings of pressure and vibration at this age, 20 to 80: 1 %% more each year",
     )
     build.add_argument(
+        "--joint-gradient",
+        type=float,
+        metavar="FACTOR",
+        help="spacings of pressure and vibration at shoulder, elbow, wrist, hip, knee and ankle, "
+        "times this factor, 0.5 to 1; rising linearly to the middle of the limb",
+    )
+    build.add_argument(
         "--method",
         choices=("cells", "quadric"),
         help="cells: even cells of skin (default); quadric: decimation of each part, as in "
@@ -85,9 +92,11 @@ def _build(options: argparse.Namespace, console: Console) -> int:
     if options.levels:
         return _levels(options, console)
     method, is_variant = options.method or "cells", options.variant is not None
-    if is_variant and any(x is not None for x in (options.targets, options.method, options.age)):
+    of_spacing = (options.targets, options.method, options.age, options.joint_gradient)
+    if is_variant and any(x is not None for x in of_spacing):
         raise UsageError(
-            "--variant keeps the canonical vertices: remove --targets, --age and --method."
+            "--variant keeps the canonical vertices: remove --targets, --age, --joint-gradient and "
+            "--method."
         )
     if is_variant:
         person = variant.parse(options.variant)
@@ -97,21 +106,28 @@ def _build(options: argparse.Namespace, console: Console) -> int:
         targets = thresholds.read(options.targets or "literature")
         if options.age is not None:
             targets = thresholds.aged(targets, options.age)
-        is_changed = targets != thresholds.LITERATURE_MM or method != "cells"
+        factor = 1.0 if options.joint_gradient is None else options.joint_gradient
+        if factor != 1.0 and method != "cells":
+            raise UsageError(
+                f"--joint-gradient {factor:g} with --method {method}: allowed is --method cells; "
+                "decimation has one spacing for each part."
+            )
+        is_changed = targets != thresholds.LITERATURE_MM or method != "cells" or factor != 1.0
         if options.install is not None and not is_changed:
             raise UsageError(
-                "--install needs --variant, --targets, --age or --method: the canonical models are "
-                "installed already."
+                "--install needs --variant, --targets, --age, --joint-gradient or --method: the "
+                "canonical models are installed already."
             )
         name = Path(options.targets or "literature").stem + (
             "" if method == "cells" else "-quadric"
         )
         name += "" if options.age is None else f"-age-{options.age:g}"
-        option = "--method quadric"
+        name += "" if factor == 1.0 else f"-joints-{factor:g}"
+        option = "--method quadric" if factor == 1.0 else "--joint-gradient"
         if targets != thresholds.LITERATURE_MM:
             option = "--targets" if options.age is None else "--age"
         folder = _folder(options, name, option if is_changed else None)
-        manifest = build.build(options.source, folder, targets, progress, method)
+        manifest = build.build(options.source, folder, targets, progress, method, factor)
     for name, facts in manifest["models"].items():
         console.say(f"{name}: {facts['vertices']} vertices, {facts['hash'][:12]}")
     if options.install is not None:
@@ -142,7 +158,7 @@ def _folder(options: argparse.Namespace, name: str, non_canonical: str | None) -
 def _levels(options: argparse.Namespace, console: Console) -> int:
     from ..body_building import build
 
-    excluded = ("source", "targets", "age", "method", "variant", "install")
+    excluded = ("source", "targets", "age", "joint_gradient", "method", "variant", "install")
     if any(getattr(options, name) is not None for name in excluded):
         raise UsageError("--levels allows only -o DIR: remove the other options.")
     folder = options.output or resources.body_models()
@@ -157,7 +173,7 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
     from hfx_blender.engine.body import model_library
     from hfx_blender.engine.body.model import PerceptualModel, load
 
-    from ..body_building import stats
+    from ..body_building import joint_gradient, stats
     from ..body_building.thresholds import MODALITIES
 
     if options.compare and options.folder:
@@ -172,6 +188,14 @@ def _stats(options: argparse.Namespace, console: Console) -> int:
     models = [load(PerceptualModel, file) for file in present_files]
     rows = stats.table(models)
     console.say(stats.as_text(rows), several_lines=True)
+    for model in models:
+        gradient = joint_gradient.of(model.provenance)
+        if gradient.joints_m:
+            console.say(
+                f"{model.modality}: joint gradient {gradient.factor:g}; mean, SD and gap of "
+                f"{', '.join(gradient.joints_m)} are relative to the local spacing, times the "
+                "target."
+            )
     levels = {model.modality: _level_sizes(model, folder) for model in models}
     for modality, sizes in levels.items():
         if len(sizes) > 1:

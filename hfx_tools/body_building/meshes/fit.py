@@ -181,7 +181,7 @@ def _untangle(mesh: Remesher) -> None:
             return
         middle = mean[crossing] @ mesh.points
         moved = mesh.points[crossing] + 0.3 * (middle - mesh.points[crossing]) - start[crossing]
-        limit = _UNTANGLE_LIMIT * mesh.spacing_m[mesh.part[crossing]]
+        limit = _UNTANGLE_LIMIT * mesh.local_spacing_m()[crossing]
         length = np.maximum(np.linalg.norm(moved, axis=1), 1e-30)
         moved *= np.minimum(1.0, limit / length)[:, None]
         mesh.points[crossing] = start[crossing] + moved

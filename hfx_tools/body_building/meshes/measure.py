@@ -10,6 +10,7 @@ import numpy as np
 from hfx_blender.engine.arrays import F64, I64
 from hfx_blender.engine.body.parts import PARTS
 
+from ..joint_gradient import UNIFORM, JointGradient
 from ..left_skin import Samples
 from .nearest_places import locate
 
@@ -17,8 +18,10 @@ ERROR_STRIDE: Final = 41
 """Stride of the samples for the distance of the skin from the mesh."""
 
 
-def gaps_m(samples: Samples, points: F64) -> F64:
+def gaps_m(samples: Samples, points: F64, gradient: JointGradient = UNIFORM) -> F64:
     """Largest distance, by part, from a skin sample of the left half to the nearest vertex.
+
+    Distances are divided by the gradient's relative spacing at the sample.
 
     ``points`` (V, 3) float64: vertices of the whole body, or of the left half alone.
 
@@ -27,7 +30,9 @@ def gaps_m(samples: Samples, points: F64) -> F64:
     from scipy.spatial import cKDTree
 
     gaps = np.zeros(len(PARTS))
-    np.maximum.at(gaps, samples.part, cKDTree(points).query(samples.points)[0])
+    distance = cKDTree(points).query(samples.points)[0]
+    distance /= gradient.relative(samples.points, samples.part)
+    np.maximum.at(gaps, samples.part, distance)
     return gaps
 
 

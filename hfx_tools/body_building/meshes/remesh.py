@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Evenly spaced mesh of the skin, with a spacing for each part.
+"""Evenly spaced mesh of the skin, with a spacing for each part, finer at joints if asked for.
 
 Half the body is thinned to an expected number of vertices per part, then relaxed; excess vertices
 are merged until the mean spacing reaches the target.
@@ -14,6 +14,7 @@ import numpy as np
 from hfx_blender.engine.arrays import F64
 from hfx_blender.engine.body.parts import PARTS
 
+from ..joint_gradient import UNIFORM, JointGradient
 from ..left_skin import LeftSkin
 from ..progress import Progress
 from . import fit
@@ -28,7 +29,9 @@ _FINAL: Final = 40
 _PUSH: Final = 1.5  # overshoot toward the centres, for faster convergence
 
 
-def remesh(skin: LeftSkin, spacing_m: F64, progress: Progress) -> Remesher:
+def remesh(
+    skin: LeftSkin, spacing_m: F64, progress: Progress, gradient: JointGradient = UNIFORM
+) -> Remesher:
     """Thin and relax the left half to the spacings.
 
     Parameters
@@ -37,8 +40,10 @@ def remesh(skin: LeftSkin, spacing_m: F64, progress: Progress) -> Remesher:
         Target mean distance between neighbours, metres.
     progress : callable
         Called with the finished share, 0..1, and the current step.
+    gradient : JointGradient
+        Spacing within the parts, relative to the target.
     """
-    mesh = Remesher(skin, spacing_m)
+    mesh = Remesher(skin, spacing_m, gradient)
     off_midline, on_midline = mesh.expected()
     progress(0.0, "thinning")
     mesh.refine()

@@ -15,6 +15,7 @@ import numpy as np
 from hfx_blender.engine.arrays import F64, I64
 from hfx_blender.engine.body.parts import PARTS
 
+from ..joint_gradient import UNIFORM, JointGradient
 from ..left_skin import Half, LeftSkin, sample
 from . import measure, mesh_edges, mesh_edit
 
@@ -28,10 +29,14 @@ _ERROR_STRIDE: Final = 7  # stride of the samples for the error
 class Remesher:
     """Mesh of half a body under change, with skin samples owned by its vertices."""
 
-    def __init__(self, skin: LeftSkin, spacing_m: F64) -> None:
+    def __init__(self, skin: LeftSkin, spacing_m: F64, gradient: JointGradient = UNIFORM) -> None:
         half = skin.medium
-        self.spacing_m = spacing_m
-        self.samples = sample(skin, spacing_m)
+        self.spacing_m = spacing_m  # (parts,) without the gradient
+        self.gradient = gradient
+        self.samples = sample(skin, spacing_m, gradient)
+        self.sample_relative = gradient.relative(self.samples.points, self.samples.part)
+        # A density of spacing^-4 gives centroidal cells of this spacing (Du et al. 1999).
+        self.sample_weight = self.samples.areas_m2 / self.sample_relative**4
         self.points = half.points.copy()
         self.normals = skin.normals[: len(half.points)].copy()
         self.triangles = half.triangles
@@ -44,12 +49,26 @@ class Remesher:
         ends = mesh_edges.edges_of(self.triangles, len(self.points))
         border = ends.ends[ends.is_border]
         lengths = np.linalg.norm(self.points[border[:, 0]] - self.points[border[:, 1]], axis=1)
+        lengths /= self._relative_at_middles(self.points, border)
         total = np.bincount(self.part[border[:, 0]], lengths, minlength=len(PARTS))
         return total.astype(np.float64)
 
+    def local_spacing_m(self) -> F64:
+        """Target spacing (V,) at each vertex."""
+        return self.spacing_m[self.part] * self.gradient.relative(self.points, self.part)
+
+    def _relative_at_middles(self, points: F64, ends: I64) -> F64:
+        """Relative spacing (E,) of the gradient at the middles of edges, in the part of the first
+        end.
+        """
+        start, end = ends.T
+        return self.gradient.relative(0.5 * (points[start] + points[end]), self.part[start])
+
     def expected(self) -> tuple[I64, I64]:
         """Expected numbers of vertices off and on the midline, by part."""
-        area = np.bincount(self.samples.part, self.samples.areas_m2, minlength=len(PARTS))
+        # A cell's area goes with the square of the relative spacing.
+        scaled = self.samples.areas_m2 / self.sample_relative**2
+        area = np.bincount(self.samples.part, scaled, minlength=len(PARTS))
         on_midline = np.rint(self.midline_m / self.spacing_m).astype(np.int64)
         cells = area / (HEXAGON * self.spacing_m**2)
         off_midline = np.maximum(np.rint(cells - 0.5 * on_midline), 1).astype(np.int64)
@@ -61,7 +80,9 @@ class Remesher:
             edges = mesh_edges.edges_of(self.triangles, len(self.points))
             start, end = edges.ends.T
             lengths = np.linalg.norm(self.points[start] - self.points[end], axis=1)
-            relative = lengths / self.spacing_m[self.part[start]]
+            local_m = self.spacing_m[self.part[start]]
+            local_m *= self._relative_at_middles(self.points, edges.ends)
+            relative = lengths / local_m
             relative[self.part[start] != self.part[end]] = 0.0
             order = np.argsort(-relative, kind="stable")
             chosen = order[relative[order] > _COARSEST]
@@ -108,7 +129,9 @@ class Remesher:
         start, end = edges.ends.T
         lengths = np.linalg.norm(self.points[start] - self.points[end], axis=1)
         short = (kinds[start] == kinds[end]) & (excess[kinds[start]] > 0)
-        short &= lengths < reach * self.spacing_m[self.part[start]]
+        local_m = self.spacing_m[self.part[start]]
+        local_m *= self._relative_at_middles(self.points, edges.ends)
+        short &= lengths < reach * local_m
         short &= ~self.is_midline[start] | edges.is_border
         index = np.flatnonzero(short)
         rank = mesh_edit.scatter_ranks(len(index), seed)
@@ -189,7 +212,7 @@ class Remesher:
     def _centre(self, push: float) -> None:
         """Move each vertex to the centre of its cell, then back onto the skin, in place."""
         count = len(self.points)
-        weight = self.samples.areas_m2
+        weight = self.sample_weight
         total = np.bincount(self.owner, weight, minlength=count)
         has = total > 0.0
         centre = self.points.copy()
@@ -225,9 +248,13 @@ class Remesher:
         return areas.astype(np.float64)
 
     def largest_gaps_m(self) -> F64:
-        """Largest distance, by part, from a skin sample to the nearest vertex of both halves."""
+        """Largest distance, by part, from a skin sample to the nearest vertex of both halves.
+
+        Each distance is divided by the relative spacing at the sample.
+        """
         mirrored = self.points * (-1.0, 1.0, 1.0)
-        return measure.gaps_m(self.samples, np.concatenate((self.points, mirrored)))
+        both = np.concatenate((self.points, mirrored))
+        return measure.gaps_m(self.samples, both, self.gradient)
 
     def errors_m(self) -> F64:
         """Mean distance of the skin from the mesh, by part."""
@@ -236,11 +263,14 @@ class Remesher:
     def mean_spacing(self, points: F64) -> F64:
         """Mean distance between neighbours within each part, metres; 0 for a part without edges.
 
+        Each distance is divided by the relative spacing at the middle of its edge.
+
         ``points`` (V, 3) float64: positions of the vertices.
         """
         edges = mesh_edges.edges_of(self.triangles, len(points))
         start, end = edges.ends.T
         lengths = np.linalg.norm(points[start] - points[end], axis=1)
+        lengths /= self._relative_at_middles(points, edges.ends)
         # An edge off the midline counts twice (mirrored), an edge on the midline once.
         copies = np.where(edges.is_border, 1.0, 2.0)
         same = self.part[start] == self.part[end]
