@@ -17,7 +17,7 @@ from hfx_blender.errors import InputError, UsageError
 from hfx_blender.files import resources
 from hfx_tools.body_building import build, joint_gradient, left_skin, model_set, stats, thresholds
 from hfx_tools.body_building.joint_gradient import UNIFORM, JointGradient
-from hfx_tools.body_building.meshes import mesh_edges, remesh
+from hfx_tools.body_building.meshes import measure, mesh_edges, remesh
 
 UPPER_ARM, FOREARM = PARTS.index("upper_arm"), PARTS.index("forearm")
 FACTOR = 0.5
@@ -137,9 +137,21 @@ def test_no_skin_is_farther_than_nine_tenths_of_its_local_spacing(
     distance /= relative_by_hand(skin[:, 2])
     is_upper = skin[:, 2] > 0.0
     gaps = meshed.largest_gaps_m()
+    assert np.array_equal(gaps, measure.gaps_m(meshed.samples, both, GRADIENT))
     for part, own in ((UPPER_ARM, is_upper), (FOREARM, ~is_upper)):
         assert 0.4 * meshed.spacing_m[part] < distance[own].max() <= 1.02 * gaps[part]
         assert gaps[part] <= 0.9 * meshed.spacing_m[part]
+
+
+def test_gaps_are_relative_to_the_local_spacing() -> None:
+    points = np.array([[0.01, 0.0, 0.0], [0.01, 0.0, 0.5 * RADIUS_M]])
+    samples = left_skin.Samples(
+        points, points, np.ones(2), np.full(2, UPPER_ARM, np.uint8), np.arange(2)
+    )
+    # 4 mm at the elbow, where the spacing is half of the target, and 6 mm in the middle.
+    vertices = np.array([[0.014, 0.0, 0.0], [0.016, 0.0, 0.5 * RADIUS_M]])
+    assert measure.gaps_m(samples, vertices, GRADIENT)[UPPER_ARM] == pytest.approx(0.008)
+    assert measure.gaps_m(samples, vertices)[UPPER_ARM] == pytest.approx(0.006)
 
 
 def test_a_gradient_of_1_changes_no_bit(limb: left_skin.LeftSkin) -> None:
