@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import bpy
@@ -22,6 +21,7 @@ _NUMBERS = {"BOOLEAN": (bool, int), "INT": (int,), "FLOAT": (float,), "ENUM": (i
 _ARRAYS = {"BOOLEAN": "bi", "INT": "i", "FLOAT": "fd"}  # types of elements
 _ENDLESS = 3e38
 """Bound of a float property without limits."""
+_HARD_LIMITS: dict[tuple[str, str], tuple[float, float]] = {}  # by type of group and property
 
 
 @dataclass(frozen=True)
@@ -65,21 +65,23 @@ def stored_at(owner: bpy.types.ID, *names: str) -> Any:
 
 def limited(group: bpy.types.PropertyGroup, name: str) -> float:
     """Numeric property clamped to the hard limits; NaN stays NaN."""
-    low, high = _hard_limits(type(group), name)
+    low, high = _hard_limits(group, name)
     return float(min(max(getattr(group, name), low), high))
 
 
 def limited_vector(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ...]:
     """Array property with each number clamped to the hard limits."""
-    low, high = _hard_limits(type(group), name)
+    low, high = _hard_limits(group, name)
     return tuple(min(max(v, low), high) for v in getattr(group, name))
 
 
-@lru_cache(maxsize=512)
-def _hard_limits(group: type[bpy.types.PropertyGroup], name: str) -> tuple[float, float]:
-    """Hard minimum and maximum of a numeric property."""
-    limits = group.bl_rna.properties[name]
-    return limits.hard_min, limits.hard_max
+def _hard_limits(group: bpy.types.PropertyGroup, name: str) -> tuple[float, float]:
+    """Hard minimum and maximum of a numeric property, looked up once for each type of group."""
+    key = group.bl_rna.identifier, name
+    if key not in _HARD_LIMITS:
+        definition = group.bl_rna.properties[name]
+        _HARD_LIMITS[key] = definition.hard_min, definition.hard_max
+    return _HARD_LIMITS[key]
 
 
 def _bad_of(

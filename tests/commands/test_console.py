@@ -57,7 +57,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 @pytest.fixture(autouse=True)
 def _width(monkeypatch: pytest.MonkeyPatch) -> None:
     size = os.terminal_size((50, 24))
-    monkeypatch.setattr(console_module.shutil, "get_terminal_size", lambda *_: size)
+    monkeypatch.setattr(console_module.shutil, "get_terminal_size", lambda *_, **__: size)
 
 
 def test_results_go_out_and_messages_go_to_errors() -> None:
@@ -103,7 +103,7 @@ def test_a_wide_terminal_shows_the_whole_line(
     clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     size = os.terminal_size((100, 24))
-    monkeypatch.setattr(console_module.shutil, "get_terminal_size", lambda *_: size)
+    monkeypatch.setattr(console_module.shutil, "get_terminal_size", lambda *_, **__: size)
     err = Terminal()
     progress = Console(out=io.StringIO(), err=err).progress("Track")
     clock.now += 10.0
