@@ -35,10 +35,6 @@ class HFX_OT_record_track(StepwiseExport):
 
     bl_label = "Record Track"
 
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        self._is_invoked = True
-        return self.execute(context)
-
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:
         from ...engine.rendering.room import needs_positions
         from ...export.scene_export import ExportSettings, SceneExport

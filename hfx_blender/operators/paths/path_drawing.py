@@ -22,7 +22,7 @@ from ...authoring.paths import paths, skin_picking
 from ...blender.translation import translated
 from ...errors import InputError
 from .. import framing
-from ..shared import IS_EDITABLE, HfxOperator
+from ..shared import IS_EDITABLE, HfxOperator, ModalTimer
 from . import path_overlay
 from .path_operators import ON_SPOT, active_spot
 
@@ -57,7 +57,7 @@ class HfxPathPoint(bpy.types.PropertyGroup):
     time: FloatProperty(name="Time", description="Seconds since the first place")
 
 
-class HFX_OT_draw_path(HfxOperator):
+class HFX_OT_draw_path(ModalTimer, HfxOperator):
     """Draw the path of a point on the skin, on the posed avatar"""
 
     bl_label = "Draw Path"
@@ -118,7 +118,6 @@ class HFX_OT_draw_path(HfxOperator):
         self.frame = context.scene.frame_current
         self._is_held = False
         self._began_s = 0.0
-        self._timer = None
         # A hand at rest sends no mouse events; the timer records its rest.
         if self.mode == "RECORD":
             self._timer = context.window_manager.event_timer_add(1 / 60, window=context.window)
@@ -214,9 +213,7 @@ class HFX_OT_draw_path(HfxOperator):
 
     def _end(self, context: bpy.types.Context) -> None:
         path_overlay.show_pending(None)
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            self._timer = None
+        self.stop_timer(context)
         context.workspace.status_text_set(None)
         context.window.cursor_modal_restore()
         if context.area is not None:

@@ -15,7 +15,7 @@ from ...errors import InputError
 from ...files import kinds
 from ...playback.live.live import live
 from .. import framing
-from ..shared import FileOperator, HfxOperator
+from ..shared import FileOperator, HfxOperator, ModalTimer
 from .surface_operators import ON_SURFACE
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ last_take: Take | None = None
 """Last stroke in this session, for the export."""
 
 
-class HFX_OT_stroke_pad(HfxOperator):
+class HFX_OT_stroke_pad(ModalTimer, HfxOperator):
     """Stroke the active surface with the mouse: see, hear and feel the texture"""
 
     bl_label = "Stroke Pad"
@@ -59,8 +59,7 @@ class HFX_OT_stroke_pad(HfxOperator):
         self._space = type(area.spaces.active)
         arguments = (self._pad, settings.intensity_image, rectangle, self._region)
         self._handler = self._space.draw_handler_add(draw, arguments, "WINDOW", "POST_PIXEL")
-        self._timer = context.window_manager.event_timer_add(_TICK_S, window=context.window)
-        context.window_manager.modal_handler_add(self)
+        self.start_modal(context, _TICK_S)
         self._region.tag_redraw()
         return {"RUNNING_MODAL"}
 
@@ -152,7 +151,7 @@ class HFX_OT_stroke_pad(HfxOperator):
 
     def _close(self, context: bpy.types.Context) -> None:
         self._space.draw_handler_remove(self._handler, "WINDOW")
-        context.window_manager.event_timer_remove(self._timer)
+        self.stop_timer(context)
         # Silences the devices; the last stroke stays for the export.
         self._keep(None)
         self._sound.close()

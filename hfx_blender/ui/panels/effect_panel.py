@@ -25,13 +25,6 @@ from ..sidebar import HfxPanel, draw_contact_law, draw_text, draw_with_unit
 from .effects_panel import draw_moving
 
 _LOCKED = "The effect belongs to a linked file: its settings are greyed out"
-_DIMENSIONS = {
-    "CUBOID": ("size",),
-    "SPHERE": ("radius",),
-    "CYLINDER": ("radius", "height"),
-    "CAPSULE": ("radius", "height"),
-    "MESH": (),
-}
 
 
 class HFX_PT_effect(HfxPanel, bpy.types.Panel):
@@ -77,9 +70,11 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
             layout.prop(hfx, "temperature_reference")
         _draw_level(layout, effect, is_equal=context.scene.hfx.equal_feel)
         if hfx.kind == "VOLUME":
+            from ...reading.description.soundness import SIZES  # on use: it loads numpy
+
             if hfx.shape != "MESH":
                 layout.prop(hfx, "shape")
-            for name in _DIMENSIONS[hfx.shape]:
+            for name in SIZES.get(hfx.shape, ()):
                 layout.prop(hfx, name)
             _draw_falloff(layout, hfx)
             draw_contact_law(layout, hfx)

@@ -17,8 +17,6 @@ _SOURCE_FIELDS = {
     "IMAGE": ("image", "image_kind", "height_mm", "roughness_image"),
     "SCAN": ("scan_path", "scan_unit_mm", "resolution"),
     "PROCEDURAL": ("procedural", "seed", "resolution"),
-    "MAP": (),
-    "GENERATED": (),
 }
 _LAYERS = (
     ("relief_image", "Relief"),
@@ -71,7 +69,7 @@ class HFX_PT_surface(HfxPanel, bpy.types.Panel):
             draw_text(context, layout, settings.note, icon)
         if settings.warning and not settings.is_faulty:
             draw_text(context, layout, settings.warning, "ERROR")
-        for name in _SOURCE_FIELDS[settings.source]:
+        for name in _SOURCE_FIELDS.get(settings.source, ()):
             layout.prop(settings, name)
         if settings.source == "SCAN" and settings.scan_path.lower().endswith(PICTURE_SUFFIXES):
             layout.prop(settings, "scan_size_mm")
