@@ -28,7 +28,6 @@ class HFX_OT_place_dropped(HfxOperator):
     """Replace sensations dropped from the Asset Browser by effects"""
 
     bl_label = "Place Sensation"
-    adds_clips = True
     requires = (
         (
             lambda context: effect_assets.dropped_objects(context.scene),

@@ -102,7 +102,6 @@ class HFX_OT_add_from_library(HfxOperator):
     """Add a sensation from the library at the current frame"""
 
     bl_label = "Sensation"
-    adds_clips = True
 
     name: EnumProperty(
         name="Sensation",
@@ -125,7 +124,6 @@ class HFX_OT_load_effects(ImportOperator):
     """Add the effects of a file at the current frame"""
 
     bl_label = "Load Effects"
-    adds_clips = True
 
     filename_ext = kinds.EFFECT_SUFFIX
     filter_glob: StringProperty(default=f"*{kinds.EFFECT_SUFFIX}", options={"HIDDEN"})
@@ -193,6 +191,7 @@ class HFX_OT_import_hjif(ImportOperator, OnBodyOperator):
             self.report({"WARNING"}, translated(printable(note[:1].upper() + note[1:])))
         if not objects:
             raise InputError(f"{self.filepath}: has nothing that can become an effect.")
+        select_only(context, *objects)
         return f"Added {', '.join(shortened([effect.name for effect in objects], 3))}"
 
 
@@ -240,7 +239,6 @@ class HFX_OT_paste_effects(HfxOperator):
     """Paste copied effects at the current frame, on the active body or the only body"""
 
     bl_label = "Paste Effects"
-    adds_clips = True
 
     def work(self, context: bpy.types.Context) -> str:
         text = copied_sensation if bpy.app.background else context.window_manager.clipboard

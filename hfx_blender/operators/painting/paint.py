@@ -10,7 +10,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from mathutils.bvhtree import BVHTree
 
-from ...authoring import atlas_pictures, painting
+from ...authoring import atlas_pictures, clips, painting
 from ...authoring.effects import effects
 from ...blender import compat
 from ...engine.body.parts import REGIONS, SIDES
@@ -87,6 +87,8 @@ class HFX_OT_paint_begin(_PaintedOperator):
             # Show weight 0 in blue: black, the default, would hide the body's shape.
             context.tool_settings.vertex_group_user = "NONE"
             bpy.ops.hfx.paint_status("INVOKE_DEFAULT")
+        if clips.strips_of(effect):
+            return "Paint, then press Finish Painting"
         return "Paint, then press Finish Painting, or Finish, Add Clip"
 
 

@@ -11,6 +11,7 @@ import bpy
 import pytest
 from hfx_scenes import small_scene
 
+from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects, hjif_import
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 
@@ -42,6 +43,33 @@ def test_what_was_exported_is_felt_again(
     after = exported(scene, tmp_path, "second")
     assert after["Touch.001"]["seconds"] == pytest.approx(before["Touch"]["seconds"])
     assert after["Touch.001"]["peak_level"] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("suffix", [".hjif", ".haptic"])
+def test_imported_effects_and_clips_alone_are_selected(
+    registered: Any, tmp_path: Path, suffix: str
+) -> None:
+    """The NLA Editor moves every selected strip, so older clips must not be selected."""
+    scene = small_scene()
+    if suffix == ".hjif":
+        exported(scene, tmp_path, "first")
+    else:
+        envelope = {"amplitude": [{"time": time, "amplitude": 0.5} for time in (0.0, 2.0)]}
+        document = {
+            "version": {"major": 1, "minor": 0, "patch": 0},
+            "metadata": {},
+            "signals": {"continuous": {"envelopes": envelope}},
+        }
+        (tmp_path / "first.haptic").write_text(json.dumps(document))
+    old = set(effects.effects_of(scene))
+    for effect in old:
+        for _, strip in clips.strips_of(effect):
+            strip.select = True
+    assert bpy.ops.hfx.import_hjif(filepath=str(tmp_path / f"first{suffix}")) == {"FINISHED"}
+    new = set(effects.effects_of(scene)) - old
+    assert new and set(bpy.context.selected_objects) == new and bpy.context.object in new
+    selected = {e for e in old | new for _, strip in clips.strips_of(e) if strip.select}
+    assert selected == new
 
 
 def test_the_area_is_the_body_part_without_our_mesh(registered: Any, tmp_path: Path) -> None:

@@ -69,6 +69,19 @@ def test_what_is_changed_while_painting_is_seen_on_the_canvas(effect: Any) -> No
     assert not any(e.group == group for v in canvas.data.vertices for e in v.groups)
 
 
+@pytest.mark.parametrize("has_clip", [False, True])
+def test_painting_names_the_buttons_that_end_it(effect: Any, has_clip: bool, capfd: Any) -> None:
+    for track in list(effect.animation_data.nla_tracks if effect.animation_data else ()):
+        effect.animation_data.nla_tracks.remove(track)
+    if has_clip:
+        bpy.ops.hfx.add_clip()
+    capfd.readouterr()
+    bpy.ops.hfx.paint_begin()
+    report = capfd.readouterr().out
+    assert "press Finish Painting" in report
+    assert ("Finish, Add Clip" in report) is not has_clip
+
+
 def test_smoothing_softens_the_edge(effect: Any) -> None:
     bpy.ops.hfx.area_filter(action="smooth", steps=3)
     weights = painting.weights_of(effect)

@@ -55,9 +55,15 @@ def steps(h: Any) -> Iterator[float]:
 def drop(h: Any, area: bpy.types.Area, file: Path, kinds: list[str]) -> Iterator[float]:
     """Drop a file at frame 25, and compare the modalities of all effects with ``kinds``."""
     yield from hands.go_to(h, 25)
+    old = set(bpy.context.scene.objects)
     yield from drag_in(h, area, file)
     h.shot(f"{file.suffix[1:]}.png")
     h.check(found() == kinds, f"{file.name} is dropped into the viewport: {found()}")
+    new = [obj for obj in bpy.context.scene.objects if obj not in old]
+    h.check(bpy.context.object in new, "an added effect is active")
+    h.check(set(bpy.context.selected_objects) == set(new), "the added effects alone are selected")
+    chosen = [obj for obj in old for strip in hands.clips_of(obj) if strip.select]
+    h.check(not chosen, f"no clip of an older effect is selected: {chosen}")
 
 
 def saved_path(h: Any) -> Path:
