@@ -25,9 +25,11 @@ if TYPE_CHECKING:
 EFFECT, MODEL = "hfx_atlas_effect", "hfx_atlas_model"
 """ID properties of a picture: its effect and the id of the effect's model."""
 
-_POLL_S = 0.3
-_synced: dict[int, F64] = {}  # levels 0..255 (V,) last equal on both sides, by session uid
+_POLL_S = 0.1
+# Levels 0..255 (V,) last equal on both sides, by session uid; None: the weights are to be shown.
+_synced: dict[int, F64 | None] = {}
 _times_s = {"changed": 0.0, "read": 0.0}  # last change of an effect or canvas, last comparison
+_had_stroke = False  # since the last comparison, in any picture
 
 
 def pictures() -> list[bpy.types.Image]:
@@ -56,9 +58,9 @@ def picture_of(effect: bpy.types.Object) -> bpy.types.Image:
 
 
 def sync(image: bpy.types.Image) -> bool:
-    """Apply the changes of one side to the other; weights win where both changed. Returns True if
-    weights were set. No effect for a picture of another model or size. Raises InputError: the
-    canvas was edited, or the stored area is invalid."""
+    """Apply the changes of one side to the other; weights win where both changed, and after undo
+    and redo. Returns True if weights were set. No effect for a picture of another model or size.
+    Raises InputError: the canvas was edited, or the stored area is invalid."""
     import numpy as np
 
     effect, shown = image[EFFECT], _shown(image)
@@ -86,22 +88,32 @@ def sync_all() -> None:
             image.pack()
 
 
-@persistent
-def watch(*_: object) -> None:
-    """Compare pictures with weights soon, and from now on; no effect in background mode. Handler of
-    loading, undo and redo; also called after changes of effects and canvases."""
+def watch() -> None:
+    """Compare pictures with weights soon, and from now on; no effect in background mode. Called
+    after loading and after changes of effects and canvases."""
     _times_s["changed"] = time.monotonic()
     if not bpy.app.background and pictures():
         call_soon(_poll, _POLL_S)
 
 
+@persistent
+def show_undone(*_: object) -> None:
+    """Show the weights in all pictures soon. Handler of undo and redo, which can leave a picture
+    with texels of another step."""
+    _synced.update((image.session_uid, None) for image in pictures())
+    watch()
+
+
 def _poll() -> float | None:
     """Timer: synchronize changed pictures and, after a pause, changed weights; None without any
     picture."""
+    global _had_stroke
     import numpy as np
 
     if is_painting():
+        _had_stroke = is_painting("PAINT_OT_image_paint")
         return _POLL_S
+    had_stroke, _had_stroke = _had_stroke, False
     now_s, window = time.monotonic(), bpy.context.window_manager.windows[0]
     # Reading weights of a canvas takes 20 ms: not during a stroke.
     are_weights_due = _times_s["read"] < _times_s["changed"] < now_s - _POLL_S
@@ -110,10 +122,25 @@ def _poll() -> float | None:
         if are_weights_due or not np.array_equal(shown, _synced.get(image.session_uid)):
             with suppress(InputError), bpy.context.temp_override(window=window):
                 if sync(image):
+                    if had_stroke:
+                        _undo_in_picture(image)
                     bpy.ops.ed.undo_push(message="Paint in 2D")
+                    return _POLL_S  # undo has replaced the images of this loop
     if are_weights_due:
         _times_s["read"] = now_s
     return _POLL_S if pictures() else None
+
+
+def _undo_in_picture(image: bpy.types.Image) -> None:
+    """Remove the undo step of a stroke in a picture, but keep the weights of the stroke. A single
+    step of the scene, added next, then takes the stroke back on both sides."""
+    uid, weights = image.session_uid, painting.weights_of(image[EFFECT])
+    frame = bpy.context.scene.frame_current
+    bpy.ops.ed.undo()
+    image = next(image for image in pictures() if image.session_uid == uid)
+    painting.set_weights(image[EFFECT], weights)
+    _write(image, weights)
+    bpy.context.scene.frame_current = frame  # played frames have no undo steps
 
 
 def _shown(image: bpy.types.Image) -> F64 | None:

@@ -66,8 +66,8 @@ def _effects() -> Iterator[bpy.types.Object]:
 _HANDLERS = {
     "save_pre": _before_saving,
     "load_post": _after_loading,
-    "undo_post": atlas_pictures.watch,
-    "redo_post": atlas_pictures.watch,
+    "undo_post": atlas_pictures.show_undone,
+    "redo_post": atlas_pictures.show_undone,
     "depsgraph_update_post": _on_update,
 }
 

@@ -97,12 +97,12 @@ def _push_undo() -> float | None:
     return None
 
 
-def is_painting() -> bool:
-    """Test for a running stroke of a brush. An undo step in its middle crashes Blender at the end
-    of a stroke on an image."""
+def is_painting(operator: str = "PAINT_OT_") -> bool:
+    """Test for a running stroke of a brush, by the begin of an operator's id. An undo step in the
+    middle of a stroke on an image crashes Blender at the end of the stroke."""
     windows = bpy.context.window_manager.windows
-    running = [operator for window in windows for operator in window.modal_operators]
-    return any(operator.bl_idname.startswith("PAINT_OT_") for operator in running)
+    running = [modal.bl_idname for window in windows for modal in window.modal_operators]
+    return any(name.startswith(operator) for name in running)
 
 
 def listen(event: str, function: Callable[..., None]) -> None:

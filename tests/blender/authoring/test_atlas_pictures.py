@@ -88,6 +88,32 @@ def test_weights_and_texels_follow_one_another(effect: Any, while_painting: bool
     assert effects.area(effect) == ([], [])
 
 
+@pytest.mark.parametrize("side", ["picture", "weights"])
+def test_after_undo_the_weights_are_shown(effect: Any, side: str) -> None:
+    """Undo changes the picture, the weights, or both; the picture is no stroke then."""
+    bpy.ops.hfx.area_atlas()
+    (image,) = atlas_pictures.pictures()
+    cells, _ = atlas.texels(MODEL)
+    weights = np.eye(1, len(load_model(MODEL)), 3)[0]
+    painting.set_weights(effect, weights)
+    atlas_pictures.sync(image)
+    if side == "picture":  # black, as Blender makes an image that it restores
+        paint(image, cells, (0.0, 0.0, 0.0, 1.0))
+    else:
+        weights[7] = 1.0
+        painting.set_weights(effect, weights)
+    for handlers in (bpy.app.handlers.undo_post, bpy.app.handlers.redo_post):
+        assert atlas_pictures.show_undone in handlers
+    atlas_pictures.show_undone()
+    assert not atlas_pictures.sync(image)
+    assert np.array_equal(painting.weights_of(effect), weights)
+    shown = pixels_of(image)[cells[:, 1], cells[:, 0], :3].max(axis=1)
+    assert np.array_equal(shown, weights)
+    paint(image, cells[[9]], (1.0, 1.0, 1.0, 1.0))  # a stroke after the undo counts
+    assert atlas_pictures.sync(image)
+    assert painting.weights_of(effect)[9] == 1.0
+
+
 def test_the_picture_is_saved_with_the_file_and_stays_linked(effect: Any, tmp_path: Path) -> None:
     bpy.ops.hfx.area_atlas()
     (image,) = atlas_pictures.pictures()

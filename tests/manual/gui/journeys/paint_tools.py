@@ -54,9 +54,6 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.move(*h.xy_of(CHEST))
     yield from h.key("ctrl+z")
     yield 1.5
-    if weights()[face].any():  # the undo steps of the picture and of the area are two
-        yield from h.key("ctrl+z")
-        yield 1.5
     h.shot("4_undone.png")
     h.check(np.array_equal(weights() > 0.5, filled > 0.5), "Ctrl+Z takes the stroke back")
     h.check(np.array_equal(texels(image_of(), cells) > 0.5, weights() > 0.5), "on both sides")

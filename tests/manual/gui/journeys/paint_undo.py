@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Undo and redo of strokes on the atlas and on the body: one stroke each, on both sides."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import hands
+import numpy as np
+from paint_tools import image_of, texels, weights
+
+
+def steps(h: Any) -> Iterator[float]:
+    yield from hands.empty_scene(h)
+    yield from hands.add_avatar(h)
+    yield from hands.add_haptic(h, hands.PAINTED_ROW, hands.MODALITIES.index("pressure"))
+    yield from h.until(lambda: bpy.context.mode == "PAINT_WEIGHT", "painting begins", 20)
+    yield 1.5
+    yield from h.press_button("HFX_OT_area_atlas")
+    yield 2.5
+    cells, (width, height) = hands.module("engine.body.atlas").texels("hfx-pressure-1")
+    model, parts = hands.model_of(bpy.context.object["hfx_painted_effect"])
+    states = [weights() > 0.5]
+
+    def is_linked() -> bool:
+        return np.array_equal(texels(image_of(), cells) > 0.5, weights() > 0.5)
+
+    def is_longer() -> bool:
+        return is_linked() and (weights() > 0.5).sum() > states[-1].sum()
+
+    for stroke in ("head", "body", "foot_sole", "torso"):
+        if stroke == "body":
+            yield from h.drag([h.xy_of((0.01 * step, -0.1, 1.05)) for step in range(-6, 7, 3)])
+        else:
+            column, row = np.median(cells[model.part == parts.index(stroke)], axis=0)
+            region = h.region("WINDOW", "IMAGE_EDITOR")
+            x, y = region.view2d.view_to_region(column / width, row / height)
+            place = region.x + x, h.window.height - (region.y + y)
+            yield from h.drag([(place[0] + step, place[1]) for step in range(-6, 7, 3)])
+        yield from h.until(is_longer, f"a stroke on {stroke} is on both sides", 20)
+        yield 1.0
+        states.append(weights() > 0.5)
+        h.shot(f"{len(states)}_{stroke}.png")
+    yield from h.move(*h.xy_of((0.3, -0.1, 1.7)))
+    for way, counts in (("ctrl+z", (3, 2, 1, 0)), ("ctrl+shift+z", (1, 2, 3, 4))):
+        for count in counts:
+            yield from h.key(way)
+            yield 1.5
+            h.shot(f"{way}_{count}.png")
+            found = np.count_nonzero(weights() > 0.5)
+            h.check(
+                is_linked() and np.array_equal(weights() > 0.5, states[count]),
+                f"{way}: {count} strokes on both sides, {found} vertices",
+            )
