@@ -39,6 +39,7 @@ from hfx_blender.formats.written import Written, part_path
 from ..formats import raster_rules
 from ..formats.signal_raster import RATE_HZ, raster_of
 from ..formats.validation import fault_of
+from ..missing_models import refuse_missing
 from ..track_rendering import complete
 from . import sound_reading
 
@@ -124,9 +125,11 @@ def _of_track(
             devices = (load_device(device),) if device else ()
             if target.id == "hjif":  # it stores every sample
                 _refuse_long(track, None)
+                refuse_missing(source, track.header)
             return target.function("write_track")(track, devices, stem, tolerance)  # type: ignore[no-any-return]
         config = _device(device, target)
         _refuse_long(track, config)
+        refuse_missing(source, track.header)
         # A name is accepted in place of the id.
         ids = (wearer.id for wearer in track.header.bodies if body in (wearer.id, wearer.name))
         renderers = renderers_of_track(track, (config,), [next(ids, body)])

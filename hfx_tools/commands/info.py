@@ -146,9 +146,13 @@ def _track(path: Path) -> dict[str, Any]:
     from hfx_blender.engine.track import TrackReader
     from hfx_blender.export.report import felt_effects
 
-    times = FeltTimes()
+    from ..missing_models import how_to_install, missing_models
+
     with TrackReader(path) as track:
         header = track.header
+        missing = missing_models(header)
+        # Levels in dB need the models, which may be missing, and are not shown: none is computed.
+        times = FeltTimes(strongest_db={effect.id: 0.0 for effect in header.effects})
         times.add_runs(track.runs(), {effect.id for effect in header.effects if effect.is_contact})
         return {
             "file": str(path),
@@ -170,6 +174,7 @@ def _track(path: Path) -> dict[str, Any]:
             "settings": dict(header.settings),
             "tools": dict(header.tools),
             "warnings": list(header.warnings),
+            **({"not_installed": how_to_install(path, missing)} if missing else {}),
         }
 
 

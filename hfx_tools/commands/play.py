@@ -201,6 +201,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
                 clock=clock,
                 progress=progress,
                 connected=lambda: write_note(address_note) if address_note else None,
+                printed=console.warn,
             )
         except DeviceError as error:
             raise fault_of_log(options.path, client) or error from error
@@ -356,6 +357,7 @@ def _opened(
     from hfx_blender.files import resources
     from hfx_blender.formats.clip.container import SUFFIX
 
+    from ..missing_models import refuse_missing
     from .played_clip import PlayedClip
     from .played_track import PlayedTrackSource
 
@@ -374,10 +376,12 @@ def _opened(
         )
     # A track is rendered here, by the device's script if any; a clip is rendered already.
     track = stack.enter_context(PlayedTrackSource(options.file, options.body))
+    refuse_missing(options.file, track.header)
     targets = {name: live_settings.named(name) for name in names}
     for device, _ in targets.values():
         personal(device, options.profile)  # raises for a profile without the device
     devices = [device for device, _ in targets.values()]
+    track.silences = {name: device.neutral for name, (device, _) in targets.items()}
     track.latencies_ms = {ms for device in devices for ms in live_settings.latencies_ms(device)}
     return track, targets
 

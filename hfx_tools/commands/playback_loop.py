@@ -42,7 +42,8 @@ class ValueSource(Protocol):
 
     def begin(self, client: LiveClient) -> None: ...
 
-    def show(self, client: LiveClient, time_s: float) -> None: ...
+    def show(self, client: LiveClient, time_s: float) -> None:
+        """Send the values or samples of a time; silence, past scripts, from the end on."""
 
 
 def play(
@@ -54,6 +55,7 @@ def play(
     clock: Callable[[], float | None] | None = None,
     progress: Callable[[float], None] = lambda share: None,
     connected: Callable[[], None] = lambda: None,
+    printed: Callable[[str], None] = lambda line: None,
 ) -> list[DeviceState]:
     """Play a source once on the connected devices of a client; return the failed devices.
 
@@ -62,10 +64,11 @@ def play(
 
     ``from_s``: start time on the source's clock; None: the source's start.
     ``offset_s``: longest delay of a device, also of the end.
-    ``clock``: time of another program on the source's clock, followed until an exception; the
-    source is silent while the clock gives None, and before its start and after its end.
+    ``clock``: time of another program on the source's clock, followed until an exception; devices
+    are silent at once while the clock gives None, and before the source's start and after its end.
     ``progress``: takes the played share, 0..1.
     ``connected``: called once, when the devices are ready.
+    ``printed``: takes each line that a device's script prints, with the name of the device.
 
     Raises DeviceError: all devices have failed.
     Raises InputError: the file is damaged.
@@ -82,7 +85,7 @@ def play(
         while time.monotonic() < deadline:
             check()
             client.heartbeat()
-            is_prepared |= any(event.event == "prepared" for event in client.events())
+            is_prepared |= "prepared" in _take_events(client, printed)
             states = client.devices.values()
             if is_prepared and not any(x.state in ("connecting", "connected") for x in states):
                 break
@@ -93,33 +96,49 @@ def play(
         length_s = max(source.end_s - begin_s, 1e-9)
         # The upper bound keeps signs of life more frequent than the host's 250 ms.
         step_s = min(max(source.sample_s, _STEPS_S[0]), _STEPS_S[1])
+        is_silent = False
         while clock is not None:
             time_s = clock()
             if time_s is None or not source.start_s <= time_s < source.end_s:
-                time_s = source.end_s + _SILENT_S
+                if not is_silent:
+                    client.pause()  # past all messages; drops values that wait for an offset
+                is_silent, time_s = True, source.end_s + _SILENT_S
+            else:
+                is_silent = False
             source.show(client, time_s)
-            _wait_alive(client, step_s)
+            _wait_alive(client, step_s, printed)
         begun = time.monotonic()
         while (now_s := begin_s + time.monotonic() - begun) < source.end_s:
             source.show(client, now_s)
-            _wait_alive(client, step_s)
+            _wait_alive(client, step_s, printed)
             progress((now_s - begin_s) / length_s)
         progress(1.0)
         ended = time.monotonic()
         while time.monotonic() - ended < offset_s + _FADE_S:
             source.show(client, source.end_s + source.sample_s)  # silence after the last sample
-            _wait_alive(client, _STEPS_S[0])
+            _wait_alive(client, _STEPS_S[0], printed)
         failed = [state for state in client.devices.values() if not state.is_armed]
     check()  # a signal near the end has stopped the devices: no fault of theirs
     return failed + _unstopped(client, [x for x in client.devices.values() if x not in failed])
 
 
-def _wait_alive(client: LiveClient, step_s: float) -> None:
+def _take_events(client: LiveClient, printed: Callable[[str], None]) -> set[str]:
+    """Process the events since the last call, and return their names; ``printed`` as of
+    :func:`play`."""
+    events = client.events()
+    for event in events:
+        if event.event == "log":
+            names = [x.name for x in client.devices.values() if x.number == event.device]
+            printed(": ".join([*names, event.text]))
+    return {event.event for event in events}
+
+
+def _wait_alive(client: LiveClient, step_s: float, printed: Callable[[str], None]) -> None:
     """Send a heartbeat, process events and sleep ``step_s``; DeviceError if no device plays,
     TerminatedError within 5 ms of a signal."""
     check()
     client.heartbeat()
-    client.events()
+    _take_events(client, printed)
     _require_playing(client)
     end_s = time.monotonic() + step_s
     while (left_s := end_s - time.monotonic()) > 0.0:

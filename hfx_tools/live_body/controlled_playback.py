@@ -59,8 +59,10 @@ class ControlledSource:
         self._values.take()
         if self._parts is not None:
             self._parts.update(self._values.triggered, time.monotonic())
-        if isinstance(self._source, PlayedTrackSource):
+        if isinstance(self._source, PlayedTrackSource) and time_s < self.end_s:
             self._show_track(self._source, client, time_s)
+        elif self.is_rendered:
+            self._source.show(client, time_s)
         else:
             self._source.show(_ChangedRows(client, self._changed_row), time_s)  # type: ignore[arg-type]
 

@@ -48,15 +48,6 @@ class Connected:
         self.latencies_ms = live_settings.latencies_ms(self.device)  # read with every frame
 
 
-@dataclass(frozen=True)
-class Sent:
-    """Last message to the devices."""
-
-    at_s: float  # of the monotonic clock
-    time_s: float = 0.0  # of the scene
-    muted: frozenset[str] = frozenset()  # names of devices
-
-
 class Live:
     """Connected devices of this Blender, and the source of their samples."""
 
@@ -74,7 +65,8 @@ class Live:
         self.client: LiveClient | None = None  # None before the first connection
         self.connected: dict[str, Connected] = {}  # by device name
         self.described: Generation | None = None  # description sent to the devices
-        self.sent: Sent | None = None  # None after the devices were faded
+        # Monotonic time of the last message to the devices; None after the devices were faded.
+        self.sent_s: float | None = None
 
     @property
     def states(self) -> dict[str, DeviceState]:
@@ -200,7 +192,7 @@ class Live:
         """
         if self.client is None or not self.is_armed:
             return
-        self.sent = replace(self.sent or Sent(0.0), at_s=time.monotonic())
+        self.sent_s = time.monotonic()
         gains = self._gains(bpy.context.scene)
         for name, connected in self.connected.items():
             if connected.has_script:
@@ -279,25 +271,16 @@ class Live:
             evaluation.invalidate()  # responses decay without motion
             self.update(scene.objects.scene)
         # A scene without motion would drive actuators for hours: fade after a while.
-        if self.sent is not None and time.monotonic() - self.sent.at_s > HOLD_S:
-            self.fade(self.sent)
-            self.sent = None
+        if self.sent_s is not None and time.monotonic() - self.sent_s > HOLD_S:
+            self.fade()
+            self.sent_s = None
         return bool(news)
 
-    def fade(self, sent: Sent) -> None:
-        """Send neutral values to all devices; an unmuted device with a script gets empty samples
-        instead, at the time of the last message ``sent``, and the script decides on the fade."""
-        from ...devices.workers.haptics import encode_haptics
-
-        if self.client is None:
-            return
-        for name, connected in self.connected.items():
-            neutral = connected.device.neutral
-            # A script may fade in its own way; a muted device is silent in any case.
-            if connected.has_script and name not in sent.muted:
-                self.client.send_haptics(name, encode_haptics(sent.time_s, [], neutral))
-            else:
-                self.client.send(name, neutral)
+    def fade(self) -> None:
+        """Send neutral values to all devices, past scripts."""
+        if self.client is not None:
+            for name, connected in self.connected.items():
+                self.client.send(name, connected.device.neutral)
 
     def describe(self, context: bpy.types.Context) -> None:
         """Send the description of the selected source if changed, with the rendering schemes and
@@ -349,9 +332,7 @@ class Live:
             frame = source.frame(scene, self._gains(scene), later)
         finally:
             self.slow_frames.own_s += time.monotonic() - begun
-        states = self.states.items()
-        muted = frozenset(name for name, state in states if not frame.gains.get(state.number, 1.0))
-        self.sent = Sent(time.monotonic(), frame.time_s, muted)
+        self.sent_s = time.monotonic()
         self.client.show(frame)
 
     def apply_mutes(self, scene: bpy.types.Scene) -> None:

@@ -597,13 +597,13 @@ def test_quitting_is_silence(tmp_path: Path) -> None:
     assert any(row.get("values", [0.0])[0] == 5.0 for row in rows(path))
 
 
-def test_a_script_is_told_that_nothing_is_felt_any_more_unless_it_is_muted() -> None:
+def test_what_stands_still_is_silent_past_scripts() -> None:
     actual, messages = live_module.Live(), []
+    device = load_device(PAD)
     actual.client = SimpleNamespace(  # type: ignore[assignment]
-        send=lambda name, _: messages.append((name, "values")),
-        send_haptics=lambda name, _: messages.append((name, "haptics")),
+        send=lambda name, values: messages.append((name, values.tolist())),
     )
-    for name, has_script in {"scripted": True, "muted": True, "plain": False}.items():
-        actual.connected[name] = live_module.Connected(load_device(PAD), has_script, 0.0)
-    actual.fade(live_module.Sent(0.0, muted=frozenset({"muted"})))
-    assert messages == [("scripted", "haptics"), ("muted", "values"), ("plain", "values")]
+    for name, has_script in {"scripted": True, "plain": False}.items():
+        actual.connected[name] = live_module.Connected(device, has_script, 0.0)
+    actual.fade()
+    assert messages == [(name, device.neutral.tolist()) for name in ("scripted", "plain")]

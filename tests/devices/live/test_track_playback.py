@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -28,13 +28,15 @@ from test_render_process import HEADER, STREAMS, places, vibration
 
 from hfx_blender import cli
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.live import approval
 from hfx_blender.devices.workers.live_frame import LiveFrame, decode_live_frame, encode_live_frame
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import TrackWriter
+from hfx_blender.files import resources
 from hfx_blender.tracking.osc_packets import OscMessage
 from hfx_blender.tracking.receiver import ReceivedMessage
 from hfx_blender.tracking.value_addresses import address_of
-from hfx_tools.commands import playback_loop
+from hfx_tools.commands import followed_clock, playback_loop
 from hfx_tools.commands.played_track import PlayedTrackSource
 from hfx_tools.live_body.controlled_playback import ControlledSource, weakened
 from hfx_tools.live_body.live_values import LiveValues
@@ -288,6 +290,99 @@ def test_a_signal_is_noticed_within_5_ms_of_a_slow_frame(monkeypatch: pytest.Mon
         events=lambda: [],
         devices={"band": SimpleNamespace(is_armed=True)},
     )
-    playback_loop._wait_alive(client, 0.05)
+    playback_loop._wait_alive(client, 0.05, print)
     assert now_s[0] == pytest.approx(0.05)
     assert max(b - a for a, b in pairwise(looked_s)) <= 0.005 + 1e-9
+
+
+LOUD = """
+def render(haptics):
+    print(f"called at {haptics.time_s:.6f} s")
+    return [5.0, 100.0] * 8
+"""
+
+
+@pytest.fixture
+def loud_band(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Approve a device whose script returns 5 m/s^2 at every call; return the device's name."""
+    folder = tmp_path / "devices"
+    folder.mkdir()
+    monkeypatch.setenv("HFX_DEVICES", str(folder))
+    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
+    text = (resources.device_configs() / "forearm_band.json").read_text()
+    (folder / "my_band.json").write_text(text.replace('"forearm_band"', '"my_band"'))
+    (folder / "my_band.py").write_text(LOUD)
+    script = approval.script_of("my_band_left")
+    assert script is not None
+    approval.approve(script)
+    return "my_band_left"
+
+
+def called_s(printed: str) -> list[float]:
+    """Times of the calls of :data:`LOUD`, as printed by ``hfx play``."""
+    lines = [line.split() for line in printed.splitlines() if "called at" in line]
+    assert all(line[:3] == ["my_band_left:", "called", "at"] for line in lines)
+    return [float(line[3]) for line in lines]
+
+
+def test_a_script_is_called_for_the_times_of_the_track_only(
+    track: Path, tmp_path: Path, loud_band: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "band.jsonl"
+    options = ["play", str(track), "--device", loud_band, "--to", "simulator", "--path", str(log)]
+    assert cli.run(options) == 0
+    printed = capfd.readouterr()
+    assert "called at" not in printed.out
+    assert called_s(printed.err) and max(called_s(printed.err)) <= 1.5
+    rows = [row for row in rows_of(log) if "values" in row]
+    assert any(map(is_loud, rows)) and not is_loud(rows[-1])  # silent before the stop bytes
+
+
+@pytest.mark.parametrize("controlled", [False, True])
+def test_no_script_plays_while_the_followed_time_stands_still(
+    tmp_path: Path,
+    loud_band: str,
+    controlled: bool,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Before any time, at a pause, and before and after the track, devices are silent."""
+    track = written(tmp_path / "buzz.hfxtrack", 1.5, range(10, 20))
+    log = tmp_path / "band.jsonl"
+
+    def last_is_loud() -> bool:
+        values = [row for row in rows_of(log) if "values" in row]
+        return bool(values) and is_loud(values[-1])
+
+    def times_s() -> Iterator[float | None]:
+        yield from [None] * 20
+        assert not any(map(is_loud, rows_of(log)))
+        for still_s in (None, 99.0, -1.0):
+            end = time.monotonic() + 60.0
+            while not last_is_loud():
+                assert time.monotonic() < end, "the script is not played"
+                yield 0.75
+            while last_is_loud():
+                assert time.monotonic() < end, "the device is not silent"
+                yield still_s
+            count = len(rows_of(log))
+            yield from [still_s] * 20
+            assert not any(map(is_loud, rows_of(log)[count:]))
+        raise KeyboardInterrupt
+
+    class Clock:
+        name = "a clock"
+
+        def __init__(self, *_: object) -> None:
+            self._times = times_s()
+
+        def __call__(self) -> float | None:
+            return next(self._times)
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(followed_clock, "FollowedClock", Clock)
+    options = ["play", str(track), "--device", loud_band, "--to", "simulator", "--path", str(log)]
+    options += ["--follow", "1", *(["--osc", "0"] if controlled else [])]
+    assert cli.run(options) == 130
+    assert set(called_s(capfd.readouterr().err)) == {0.75}
