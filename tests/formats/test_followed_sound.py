@@ -213,6 +213,26 @@ def test_a_file_that_begins_with_a_beat_begins_with_a_transient() -> None:
     assert [tick.time_s < 0.01 for tick in signal.transients] == [True]
 
 
+@pytest.mark.parametrize("decay_s", (0.05, 0.2, 0.5, 0.8, 1.2, 3.0))
+@pytest.mark.parametrize("start_s", (0.0, 0.01, 0.03))
+@pytest.mark.parametrize("harmonics", (1, 3))
+def test_a_note_at_the_start_of_a_file_is_an_onset_however_long_it_rings(
+    decay_s: float, start_s: float, harmonics: int
+) -> None:
+    after = times(44_100) - start_s
+    waves = [np.sin(2.0 * np.pi * 330.0 * k * after) / k for k in range(1, harmonics + 1)]
+    note = np.where(after >= 0.0, np.exp(-after.clip(0.0) / decay_s) * sum(waves), 0.0)
+    (tick,) = follow(note, 44_100).transients
+    assert tick.time_s == pytest.approx(start_s, abs=0.01)
+
+
+@pytest.mark.parametrize("hertz", (0.2, 0.5, 2.0, 5.0))
+def test_a_modulated_tone_that_is_cut_while_it_falls_has_no_onset(hertz: float) -> None:
+    t = times(8000, 6.0)
+    swell = 0.6 + 0.4 * np.cos(2.0 * np.pi * hertz * t)
+    assert not follow(swell * np.sin(2.0 * np.pi * 300.0 * t), 8000).transients
+
+
 @pytest.mark.parametrize("rate", RATES)
 def test_a_constant_offset_is_silence(rate: int) -> None:
     signal = follow(np.full(2 * rate, 0.5), rate)

@@ -282,15 +282,32 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     frames, _ = find_peaks(np.where(is_part & is_kept, excess.sum(1), 0.0), distance=_APART)
     rest = total[begin + 2 * _APART : min(begin + 10 * _APART, end)]
     later = np.median(rest) if begin and len(rest) else 0.0
+    stop = min([*frames[frames > begin + _APART].tolist(), end]) - _CUT
+    is_struck = later <= 0.1 * total[begin : begin + _APART].max()
+    is_struck |= _decays(total[begin + _APART : stop])
     for peak in frames[frames >= begin - _LAG].tolist():
         # The envelope of a band rises symmetrically about the onset: steepest there.
         first = max(peak - 10, 0)
         rising = amplitude[first : peak + 10, excess[peak] > 0.0]
         rising = (rising / rising.max(0)).sum(1)
         frame = max(first + int(np.gradient(rising).argmax()), begin)
-        if abs(frame - begin) <= 3 * _LAG and later > 0.1 * total[begin : begin + _APART].max():
+        if abs(frame - begin) <= 3 * _LAG and not is_struck:
             continue
         yield frame, float(np.sqrt(total[frame : frame + _APART // 2].max()))
+
+
+def _decays(power: F64) -> bool:
+    """Test the power (frames,) of 0.25 s or more for a decay down to -20 dB, or to its end: the
+    level falls along a line, by 1.5 dB and by eight times its deviation from the line."""
+    power = power[: 4 * FRAME_HZ]
+    is_low = np.append(power < 0.01 * power[:1].sum(), True)
+    level = 10.0 * np.log10(power[: int(is_low.argmax())] + 1e-12)
+    if len(level) < FRAME_HZ // 4:
+        return False
+    frames = np.arange(len(level))
+    slope, height = np.polyfit(frames, level, 1)
+    deviation = np.sqrt(np.mean((slope * frames + height - level) ** 2))
+    return bool(-slope * len(level) >= max(1.5, 8.0 * deviation))
 
 
 def _largest(values: F64, first: int, last: int) -> F64:
