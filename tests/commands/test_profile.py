@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,38 @@ def test_strengths_go_from_first_felt_to_strong_enough(tmp_path: Path) -> None:
     strengths[:, 1] = strengths[:, 0]
     played = strengths * group.personal_factors(strengths)
     np.testing.assert_allclose(played[:, 0], [0.0, 1.0, 2.0, 3.0, 3.0], atol=1e-5)
-    np.testing.assert_array_equal(played[:, 1], strengths[:, 1])
+    # The second actuator has no answers: those of the nearest, the first, hold.
+    np.testing.assert_allclose(played[:, 1], [0.0, 1.0, 2.0, 3.0, 3.0], atol=1e-5)
+
+
+def test_an_actuator_without_answers_has_those_of_the_nearest_of_its_modality(
+    tmp_path: Path,
+) -> None:
+    """Of limits 10, 20, 10, 10: answers of the first and fourth are given, and count
+    twice for twice the limit; the actuator of pressure has none."""
+    device = load_device(DEVICE)
+    limits = (10.0, 20.0, 10.0, 10.0)
+    kinds = []
+    for limit in limits:
+        kind = device.actuators[0].type
+        control = replace(kind.strength, maximum=limit, highest=limit)
+        kinds.append(replace(kind, controls=(control, *kind.controls[1:])))
+    kinds.append(replace(kinds[0], modality="pressure"))
+    actuators = [replace(a, type=k) for a, k in zip(device.actuators[:5], kinds, strict=True)]
+    marks = {
+        actuators[0].id: {"first_felt": 1.0, "strong_enough": 3.0, "too_strong": 4.0},
+        actuators[3].id: {"first_felt": 2.0, "strong_enough": 5.0, "too_strong": 6.0},
+    }
+    stored(tmp_path, marks)
+    own = [a.type for a in personal(replace(device, actuators=tuple(actuators)), "ada").actuators]
+    assert [kind.strength.highest for kind in own] == [4.0, 8.0, 6.0, 6.0, 10.0]
+    assert [kind.marks for kind in own] == [
+        (1.0, 3.0, 10.0),
+        (2.0, 6.0, 20.0),
+        (2.0, 5.0, 10.0),
+        (2.0, 5.0, 10.0),
+        None,
+    ]
 
 
 def test_too_strong_is_a_limit_and_never_above_the_limit_of_the_device(tmp_path: Path) -> None:

@@ -580,6 +580,20 @@ def render(h):
     assert head[3:5] == ["m1.focus_x [m]", "m1.pattern [choice]"]
 
 
+@pytest.mark.parametrize(
+    ("answer", "share"),
+    [("{'focus_x': 0.05}", None), ("{'pattern': 'burst'}", None), ("{'frequency_hz': 150}", 1.0)],
+)
+def test_custom_columns_alone_count_as_playing(
+    folder: Path, path: Path, answer: str, share: float | None
+) -> None:
+    """A force device has no strength, only columns of its own; a frequency alone plays nothing."""
+    own_device(folder, "forearm_band", "my_band", custom=CUSTOM)
+    source = f"def render(h):\n    return {{'m1': {answer}}} if h.felt else None\n"
+    lost = {s.effect_id: s.share for s in played(path, scripted(folder, source)).shortfalls}
+    assert lost == ({} if share is None else {"buzz": share, "warm": share})
+
+
 def test_a_choice_that_does_not_exist_is_named(folder: Path, path: Path) -> None:
     own_device(folder, "forearm_band", "my_band", custom=CUSTOM)
     source = "def render(h):\n    return {'m1': {'pattern': 'wave'}}\n"

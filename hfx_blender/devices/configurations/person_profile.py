@@ -46,8 +46,9 @@ def load(name: str) -> dict[str, Any]:
 
 def personal(device: DeviceConfig, name: str) -> DeviceConfig:
     """Device with the marks of a profile; unchanged for "". Strengths above 0 are rendered from
-    "first felt" to "strong enough", and "too strong" is a limit of each actuator. InputError for a
-    profile without this device."""
+    "first felt" to "strong enough", and "too strong" is a limit of each actuator. An actuator
+    without marks has those of the nearest in the device's order, of its modality, in proportion to
+    the limits of both. InputError for a profile without this device."""
     if not name:
         return device
     marks = load(name).get(device.id)
@@ -57,10 +58,15 @@ def personal(device: DeviceConfig, name: str) -> DeviceConfig:
             f"{name} --device {device.id}'."
         )
     actuators = []
-    for actuator in device.actuators:
-        kind, own = actuator.type, marks.get(actuator.id)
-        if own is not None:
-            strength = kind.strength
+    measured = [(k, x) for k, x in enumerate(device.actuators) if x.id in marks]
+    for k, actuator in enumerate(device.actuators):
+        kind, strength = actuator.type, actuator.type.strength
+        alike = [pair for pair in measured if pair[1].type.modality == kind.modality]
+        if alike:
+            _, nearest = min(alike, key=lambda pair: abs(pair[0] - k))
+            highest = nearest.type.strength.highest
+            scale = 1.0 if nearest is actuator or not highest else strength.highest / highest
+            own = {mark: scale * value for mark, value in marks[nearest.id].items()}
             top = min(max(own["too_strong"], strength.lowest), strength.highest)
             controls = (replace(strength, highest=top), *kind.controls[1:])
             marked = own["first_felt"], own["strong_enough"], strength.highest

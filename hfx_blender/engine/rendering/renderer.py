@@ -446,13 +446,15 @@ class Renderer:
         return rounded(self._limited(values, part), kind)
 
     def _changes(self, without: F64) -> tuple[Bool, Bool]:
-        """Masks (T,) of rows changed by a script from ``without``, and of rows with any strength.
-        Both also at the rows later by each actuator's latency, when it responds."""
+        """Masks (T,) of rows changed by a script from ``without``, and of rows with any strength
+        or custom control away from neutral. Both also at the rows later by each actuator's latency,
+        when it responds."""
         is_changed, is_on = np.zeros((2, len(without)), np.bool_)
         for part, kind in self._parts():
             # Samples are counted when they are felt, a latency after the row that was sent.
             changed = (self._values[:, part] != without[:, part]).any(axis=1)
-            on = self._values[:, part.start] != self._neutral[part.start]
+            plays = [not k or control.unit != "" for k, control in enumerate(kind.controls)]
+            on = (self._values[:, part] != self._neutral[part])[:, plays].any(axis=1)
             # A set: without latency both rows are the same.
             for rows in {0, min(self._late_rows(kind), len(without))}:
                 is_changed[rows:] |= changed[: len(changed) - rows]

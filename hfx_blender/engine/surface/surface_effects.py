@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -199,7 +200,8 @@ class _TrackedContacts:
         self.follower = ContactFollower(
             SurfaceMesh(area.triangles, area.coordinates_m),
             area.reach_m,
-            area.max_contacts,
+            # Forces act on each touched vertex.
+            area.max_contacts if area.law is None else sys.maxsize,
             np.asarray(model.part) == _FINGERS,
         )
 

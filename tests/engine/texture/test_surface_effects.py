@@ -340,6 +340,33 @@ def test_a_resting_finger_is_pushed_and_feels_no_vibration(
         np.testing.assert_allclose(sample.forces_n, expected, atol=2e-5)
 
 
+def test_all_touched_vertices_are_pushed_beyond_the_contacts_of_a_texture(
+    hand: PerceptualModel,
+) -> None:
+    """A resting sheet 1 m wide under both feet, 2.9 mm above the lowest vertex: each vertex up to
+    2.9 mm deep has 800 N/m times its depth, more than the 3 contacts of a texture."""
+    heights = hand.vertices[:, 2].astype(float)
+    top = heights.min() + 2.9e-3
+    behind = np.flatnonzero(heights < top)
+    scene = _scene(_texture(SurfaceRenderer.MCHA), 2, hand)
+    (table,) = scene.effects
+    assert isinstance(table.area, HapticSurface)
+    area = replace(table.area, law=LAW, max_contacts=3)
+    engine = Engine(
+        replace(scene, effects=(replace(table, area=area),)), models=lambda _: hand, tolerance=PAPER
+    )
+    block = _block(hand, np.zeros((2, 3)), np.arange(2))
+    matrices = block.effects[0].matrices
+    assert matrices is not None
+    matrices[:, :3, :3] *= 10.0
+    matrices[:, :3, 3] = [0.0, 0.0, top]
+    (run,) = engine.evaluate(block)
+    sample = run.one(1)
+    assert len(behind) > 3 and sample.forces_n is not None
+    np.testing.assert_array_equal(sample.vertices, behind)
+    np.testing.assert_allclose(sample.forces_n[:, 2], 800.0 * (top - heights[behind]), atol=2e-5)
+
+
 def test_skin_in_front_of_a_surface_is_not_pushed(hand: PerceptualModel) -> None:
     offsets = _slide(4) - [0.0, 0.0, 1e-3]
     (run,) = _pushed(hand, offsets)
