@@ -23,7 +23,7 @@ def felt_shares(
     vertex_counts: Mapping[str, int],
     contact_effects: frozenset[str] = frozenset(),
 ) -> dict[str, F64]:
-    """Displayed strength of each modality at each vertex of an avatar, (A,) in 0..1.
+    """Displayed strength of each modality at each vertex of an avatar, (A,), 1 for the full colour.
 
     Keys are names of :data:`COLOURS`; zeros for a modality without samples. The square root makes
     the lower half of the strengths visible.
@@ -41,8 +41,7 @@ def felt_shares(
         totals[name] = totals[name] + at_avatar if name in totals else at_avatar
     nothing = np.zeros(count)
     return {
-        name: np.sqrt(np.clip(totals[name], 0.0, 1.0)) if name in totals else nothing
-        for name in (*MODALITIES, COLD)
+        name: np.sqrt(totals[name]) if name in totals else nothing for name in (*MODALITIES, COLD)
     }
 
 
@@ -54,6 +53,7 @@ def avatar_colours(
 ) -> F64:
     """Colours (A, 3) of an avatar's vertices at one time, linear RGB in 0..1, with bare skin."""
     shares = felt_shares(samples, spreads, vertex_counts, contact_effects)
+    shares = {name: np.minimum(share, 1.0) for name, share in shares.items()}
     colour = sum(share[:, None] * np.array(COLOURS[name]) for name, share in shares.items())
     most = np.max(list(shares.values()), axis=0)
     skin = (1.0 - most)[:, None] * np.array(SKIN)

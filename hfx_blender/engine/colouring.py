@@ -65,15 +65,15 @@ class Spread:
 
 def strengths(sample: Sample, is_contact: bool = False) -> npt.NDArray[np.float64]:
     """Strength (n,) at a sample's vertices: weight times level times strength parameter over the
-    parameter's full-colour value, at most 1. A temperature counts as distance from neutral, of
-    touched objects if ``is_contact``."""
+    parameter's full-colour value, above 1 for larger values. A temperature counts as distance from
+    neutral, of touched objects if ``is_contact``."""
     modality = MODALITIES[sample.stream.modality]
     # Temperatures are relative to neutral; other strengths to 0.
     value = float(sample.parameters[modality.parameter_names.index(modality.strength)])
     if modality.name == "temperature":
         value -= neutral_temperature_c(is_contact)
     scale = sample.level * abs(value) / modality.full_colour
-    return np.asarray(np.minimum(sample.weights * scale, 1.0, dtype=np.float64))
+    return np.asarray(np.multiply(sample.weights, scale, dtype=np.float64))
 
 
 def colour_name(sample: Sample, is_contact: bool) -> str:
@@ -87,17 +87,19 @@ def colour_name(sample: Sample, is_contact: bool) -> str:
 
 def overlay(shares: Mapping[str, F64], palette: Mapping[str, Colour] = COLOURS) -> F64:
     """Colour and opacity (A, 4) in 0..1 from strengths (A,) by palette key; straight alpha. Opacity
-    is the largest strength, 0 without sensation. Colours add up in the palette ``COLOURS``; in
-    others the strongest key has its colour, of equal strengths the first."""
-    strengths_by_name = np.stack(list(shares.values()))
+    is the largest strength, at most 1. Colours of at most 1 add up in the palette ``COLOURS``; in
+    others the strongest key has its colour, of strengths equal to three decimals the first."""
+    names = [name for name in palette if name in shares]
+    every = np.stack([shares[name] for name in names])
+    strengths_by_name = np.minimum(every, 1.0)
     opacity = strengths_by_name.max(axis=0)
-    colours, table = np.empty((len(opacity), 4)), np.array([palette[name] for name in shares])
+    colours, table = np.empty((len(opacity), 4)), np.array([palette[name] for name in names])
     if palette is COLOURS:
         # einsum, because a matrix product would start BLAS threads.
         tint = np.einsum("ka,kc->ac", strengths_by_name, table)
         # Divided by opacity: the strongest effect has its full colour.
         colours[:, :3] = np.minimum(tint / np.where(opacity > 0.0, opacity, 1.0)[:, None], 1.0)
     else:
-        colours[:, :3] = table[strengths_by_name.argmax(axis=0)]
-    colours[:, 3] = np.minimum(opacity, 1.0)
+        colours[:, :3] = table[every.round(3).argmax(axis=0)]
+    colours[:, 3] = opacity
     return colours

@@ -98,6 +98,23 @@ def test_the_strongest_of_overlapping_effects_has_its_colour(palette: str) -> No
     ]
 
 
+@pytest.mark.parametrize("palette", ["WARM_COLD", "COLOUR_BLIND", "OWN"])
+def test_of_saturated_effects_the_larger_has_its_colour_in_any_order(palette: str) -> None:
+    """10 of 8 m/s^2 against 6 of 6 degrees, then equals: vibration is before temperature."""
+    colours = colouring.PALETTES[palette]
+    for vibration, degrees, name in (
+        (10.0, 6.0, "vibration"),
+        (8.0, 9.0, "temperature"),
+        (8.0, 6.0, "vibration"),
+        (8.0 - 1e-9, 6.0, "vibration"),
+    ):
+        samples = [_sample("vibration", vibration), _sample("temperature", 24.0 + degrees)]
+        shares = felt_shares(samples, SPREADS, COUNTS)
+        for order in (list(shares), list(reversed(shares))):
+            actual = colouring.overlay({key: shares[key] for key in order}, colours)[0]
+            assert actual.tolist() == pytest.approx([*colours[name], 1.0])
+
+
 def test_colours_stay_in_range() -> None:
     samples = [_sample(modality, 1e6, (0, 1)) for modality in MODALITIES]
     colours = _colours(*samples, *samples)

@@ -21,6 +21,7 @@ from ..configuration import find_file, load_device, named_in_blend
 _MODEL: Final = "hfx-pressure-1"  # perceptual model with the regions of places
 _MOST_PLACES: Final = 3  # in a summary
 ROOM: Final = "In the Room"
+_BOARDS: Final = ("arduino_uno_pwm", "sound_card_8", "vrc_haptics_board")  # worn anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +51,8 @@ class DeviceFacts:
 
     @property
     def group(self) -> str:
-        """Region group of the place with most actuators, or :data:`ROOM`; "" without places."""
-        first = self.places[0] if self.places else ""
+        """Region group of most actuators, or :data:`ROOM`; "" without places and for boards."""
+        first = self.places[0] if self.places and not self.id.startswith(_BOARDS) else ""
         groups = {region.label: region.group for region in REGIONS} | {ROOM: ROOM}
         return groups.get(first, "")
 

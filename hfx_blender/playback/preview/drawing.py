@@ -244,7 +244,7 @@ class ChartView:
             note = recorder.fault or "Values over time: nothing is felt yet"
             write(translated(note), left, MARGIN, 10_000.0)
             return
-        frames = _timeline_frames(context, region.x + left, region.x + right)
+        frames = _chart_frames(context, record, region.x + left, region.x + right)
         size = right - left, _TALLEST * region.height
         chart, batch = self._chart_of(record, scene.hfx.palette, size, frames)
         note = "; ".join(record.notes)
@@ -259,7 +259,7 @@ class ChartView:
         record: TimelineRecord,
         palette: str,
         size: tuple[float, float],
-        frames: tuple[float, float] | None,
+        frames: tuple[float, float],
     ) -> tuple[Chart, gpu.types.GPUBatch]:
         """Chart, and the batch of its triangles."""
         colours, scale = PALETTES[palette], bpy.context.preferences.system.ui_scale
@@ -311,20 +311,24 @@ def _draw_chart(
     blf.disable(0, blf.SHADOW)
 
 
-def _timeline_frames(
-    context: bpy.types.Context, left: float, right: float
-) -> tuple[float, float] | None:
-    """Frames that the widest timeline (else NLA Editor) of a window shows above or below the window
-    pixels ``left`` and ``right``; None without such an editor."""
-    areas = context.screen.areas
-    editors = [area for area in areas if area.ui_type == "TIMELINE"]
-    editors = editors or [area for area in areas if area.type == "NLA_EDITOR"]
-    if not editors:
-        return None
-    widest = max(editors, key=lambda area: area.width)
-    region = next(region for region in widest.regions if region.type == "WINDOW")
-    first, last = (region.view2d.region_to_view(x - region.x, 0.0)[0] for x in (left, right))
-    return (first, last) if first < last else None
+def _chart_frames(
+    context: bpy.types.Context, record: TimelineRecord, left: float, right: float
+) -> tuple[float, float]:
+    """Frames at both ends of a chart, window pixels ``left`` and ``right``: those of the widest
+    timeline (else NLA Editor) at these pixels, if they lack few frames of the record in its view;
+    else all of these; the whole record if the playhead is outside of the view."""
+    start, end = record.time.frame_first, record.time.frame_last + 1
+    first, last, frame = start, end, context.scene.frame_current_final
+    by_rank = sorted(context.screen.areas, key=lambda a: (a.ui_type == "TIMELINE", a.width))
+    for area in [a for a in by_rank if a.ui_type in ("TIMELINE", "NLA_EDITOR")][-1:]:
+        region = next(region for region in area.regions if region.type == "WINDOW")
+        pixels = 0.0, region.width, left - region.x, right - region.x
+        low, high, *ends = (region.view2d.region_to_view(x, 0.0)[0] for x in pixels)
+        first, last = max(start, low), min(end, high)
+        hidden = 0.05 * (last - first)  # behind the toolbar, in a usual layout
+        if ends[0] - hidden <= first <= frame <= last <= ends[1] + hidden:
+            return ends[0], ends[1]
+    return (first, last) if first <= frame <= last else (min(start, frame), max(end, frame))
 
 
 def write(text: str, x: float, y: float, width: float) -> None:

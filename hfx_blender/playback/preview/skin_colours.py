@@ -110,7 +110,7 @@ class SkinColours:
             # Entries of weight 0 may point to any row: nothing is added there.
             share = np.bincount(self._place.take(vertices), values, len(shown))[: len(shown)]
             # Opacity is the root of the strength, which keeps weak samples visible.
-            shares[name] = np.sqrt(np.minimum(share, 1.0))
+            shares[name] = np.sqrt(share)
         return shown, overlay(shares, palette)
 
 

@@ -37,3 +37,12 @@ def test_the_menu_of_devices_fits_above_its_button_in_a_low_window() -> None:
         else:
             lengths[-1] += 1
     assert len(lengths) == 3 and 20 * max(lengths) + 30 < 465
+
+
+def test_boards_without_a_place_are_listed_last_and_not_by_their_example() -> None:
+    items = connect_operators.device_items(None, None)
+    names, titles = [item[0] for item in items], [item[1] for item in items if not item[0]]
+    assert titles == ["Head and Trunk", "Arms and Legs", "Hands, Room and Other"]
+    last = names[[item[1] for item in items].index("Hands, Room and Other") :]
+    boards = {"arduino_uno_pwm", "sound_card_8", "vrc_haptics_board_left"}
+    assert boards < set(last) and "thermal_grill" not in last

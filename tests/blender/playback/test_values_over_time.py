@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -17,6 +18,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_avatar
 from hfx_blender.engine.colouring import PALETTES
 from hfx_blender.playback.evaluation import evaluation
+from hfx_blender.playback.preview import drawing
 from hfx_blender.playback.preview.actuator_glow import Discs
 from hfx_blender.playback.preview.preview import preview
 from hfx_blender.playback.preview.preview_layers import Preview
@@ -207,6 +209,44 @@ def test_the_time_axis_of_the_chart_is_that_of_the_timeline(squeeze: Any, scene:
     # 12 frames are half a second; the scene's first frame is 0 s.
     marks = [(30.0, "0 s"), (150.0, "0.5 s")]
     assert value_chart.ticks(scene, chart) == [pytest.approx(mark) for mark in marks]
+
+
+def _at_timeline(x: int, width: int, first: float, last: float, frame: float) -> Any:
+    """Context of a timeline from window pixel ``x`` that shows two frames at its ends, and of a
+    wider other editor; ``frame``: of the playhead."""
+
+    def region_to_view(at: float, _y: float) -> tuple[float, float]:
+        return first + (last - first) * at / width, 0.0
+
+    view = SimpleNamespace(region_to_view=region_to_view)
+    region = SimpleNamespace(type="WINDOW", x=x, width=width, view2d=view)
+    area = SimpleNamespace(type="DOPESHEET_EDITOR", ui_type="TIMELINE", width=width)
+    area.regions = [SimpleNamespace(type="HEADER"), region]
+    other = SimpleNamespace(type="VIEW_3D", ui_type="VIEW_3D", width=5000, regions=[])
+    screen = SimpleNamespace(areas=[area, other])
+    return SimpleNamespace(screen=screen, scene=SimpleNamespace(frame_current_final=frame))
+
+
+def test_the_chart_shows_all_frames_of_the_timeline_and_the_playhead(
+    squeeze: Any, scene: Any
+) -> None:
+    actual, frames = whole(scene), drawing._chart_frames  # frames 0 to 48
+    # Above a timeline of 600 pixels and frames -6 to 54, 10 pixels a frame: equal positions.
+    assert frames(_at_timeline(0, 600, -6, 54, 20), actual, 50, 590) == pytest.approx((-1, 53))
+    # The toolbar hides two of 48 frames: equal positions. Three are too many.
+    assert frames(_at_timeline(0, 600, -6, 54, 20), actual, 80, 590) == pytest.approx((2, 53))
+    assert frames(_at_timeline(0, 600, -6, 54, 20), actual, 90, 590) == (0, 48)
+    # A sidebar over the last frames, a timeline beside the viewport, a wider timeline.
+    assert frames(_at_timeline(0, 600, -6, 54, 20), actual, 50, 400) == (0, 48)
+    assert frames(_at_timeline(0, 600, -6, 54, 20), actual, 610, 1200) == (0, 48)
+    assert frames(_at_timeline(0, 1200, -6, 54, 20), actual, 610, 1200) == (0, 48)
+    # A part of the scene in the view, with and without the playhead.
+    assert frames(_at_timeline(0, 600, 12, 24, 20), actual, 610, 1200) == pytest.approx((12, 24))
+    assert frames(_at_timeline(0, 600, 12, 24, 30), actual, 50, 590) == (0, 48)
+    assert frames(_at_timeline(0, 600, -6, 54, 90), actual, 50, 590) == (0, 90)
+    bare = _at_timeline(0, 600, -6, 54, 20)
+    bare.screen.areas.pop(0)
+    assert frames(bare, actual, 50, 590) == (0, 48)
 
 
 def test_an_impact_between_columns_of_the_chart_stays_visible() -> None:
