@@ -172,10 +172,15 @@ def test_help_that_cannot_be_written_is_no_success() -> None:
     ],
 )
 def test_an_export_to_a_full_disk_leaves_no_folder(
-    blend: Path, tmp_path: Path, more: tuple[str, ...], name: str
+    blend: Path,
+    tmp_path: Path,
+    more: tuple[str, ...],
+    name: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     import resource
 
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # the limit would cut cached modules short
     folder = tmp_path / "new" / "deep"
     done = process(
         *("export", blend, "-o", folder, *more),

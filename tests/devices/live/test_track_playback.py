@@ -123,10 +123,11 @@ def test_a_track_plays_at_its_times_and_ends_in_silence(track: Path, tmp_path: P
 @pytest.mark.skipif(os.name != "posix", reason="POSIX limits of files' sizes")
 @pytest.mark.parametrize("kind", ["simulator", "log"])
 def test_a_log_that_cannot_be_written_is_no_fault_of_a_device(
-    track: Path, tmp_path: Path, kind: str
+    track: Path, tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import resource
 
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # the limit would cut cached modules short
     log = tmp_path / "band.log"
     command = [*arguments(track, "--path", str(log)), "--to", kind]
     done = subprocess.run(
