@@ -55,7 +55,7 @@ KILLED = """
 import os, signal
 from hfx_blender.engine.track.writer import TrackWriter
 end = getattr(signal, "SIGKILL", signal.SIGTERM)
-TrackWriter.append = lambda *_: os.kill(os.getpid(), end)
+TrackWriter.stored = lambda *_: os.kill(os.getpid(), end)
 from hfx_blender.__main__ import main
 main()
 """
