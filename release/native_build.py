@@ -260,15 +260,22 @@ class Compiler(NamedTuple):
 
     def __call__(self, *arguments: str) -> None:
         cache = str(self.work / "cache")  # removed with the temporary folder
-        done = subprocess.run(
+        self._run(
             [str(self.zig), "cc", *self.target.options, *arguments],
-            cwd=self.work,
-            env={
+            {
                 **os.environ,
                 "ZIG_GLOBAL_CACHE_DIR": cache,
                 "ZIG_LOCAL_CACHE_DIR": cache,
                 "SOURCE_DATE_EPOCH": "0",  # a DLL contains its time of linking: equal bytes
             },
+        )
+
+    def _run(self, command: Sequence[str], environment: dict[str, str] | None = None) -> None:
+        """Run a compiler in the temporary folder; its messages become a BuildError."""
+        done = subprocess.run(
+            command,
+            cwd=self.work,
+            env=environment,
             capture_output=True,
             text=True,
             errors="replace",
@@ -285,16 +292,7 @@ class SanitizingCompiler(Compiler):
         # These would end the checks, or the use of the runtime library of the checks.
         unfit = {"-fno-sanitize=undefined", "-g0", "-nostdlib", "-Wl,-z,defs"}
         fitting = [argument for argument in arguments if argument not in unfit]
-        done = subprocess.run(
-            [str(self.zig), *fitting, *_SANITIZED],
-            cwd=self.work,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=900,
-        )
-        if done.returncode:
-            raise BuildError((done.stderr or done.stdout).strip() or "the compiler said nothing")
+        self._run([str(self.zig), *fitting, *_SANITIZED])
 
 
 def _flags(folder: Path) -> list[str]:

@@ -75,7 +75,7 @@ class JointGradient:
 
 
 UNIFORM: Final = JointGradient(1.0)
-"""The same spacing all over a part."""
+"""Gradient with one spacing all over a part."""
 
 
 def make(skeleton: Skeleton, factor: float) -> JointGradient:

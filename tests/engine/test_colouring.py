@@ -100,7 +100,7 @@ def test_the_strongest_of_overlapping_effects_has_its_colour(palette: str) -> No
 
 @pytest.mark.parametrize("palette", ["WARM_COLD", "COLOUR_BLIND", "OWN"])
 def test_of_saturated_effects_the_larger_has_its_colour_in_any_order(palette: str) -> None:
-    """10 of 8 m/s^2 against 6 of 6 degrees, then equals: vibration is before temperature."""
+    """Compare unclipped strengths, 10 of 8 m/s^2 with 6 of 6 degrees; vibration wins a tie."""
     colours = colouring.PALETTES[palette]
     for vibration, degrees, name in (
         (10.0, 6.0, "vibration"),

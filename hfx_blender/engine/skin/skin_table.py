@@ -136,7 +136,7 @@ class SkinTable:
         self.largest_cell = int(self.most_samples.max())
 
     def _fill(self, clusters: I64) -> int:
-        """Fill in clusters (k,), ascending, except their samples. Returns the number of samples."""
+        """Fill in tables of clusters (k,), ascending, without samples; returns the sample count."""
         first = self.starts[clusters]
         quads = self.quad_starts[first + self.unit_counts[clusters]] - self.quad_starts[first]
         cells = int((self.cell_starts[clusters + 1] - self.cell_starts[clusters]).max())

@@ -146,7 +146,7 @@ class HFX_OT_move_to_group(_SelectedEffects, MenuOperator):
     group: EnumProperty(name="Group", description="Group of the effects", items=_groups)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Show the groups; a key has an effect in the HFX tab alone."""
+        """Show a list of the groups; the key M outside of the HFX tab is passed on."""
         is_in_tab = getattr(context.region, "active_panel_category", "") == "HFX"
         is_by_key = event.type == "M" and not self.properties.is_property_set("group")
         return {"PASS_THROUGH"} if is_by_key and not is_in_tab else super().invoke(context, event)
