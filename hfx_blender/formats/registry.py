@@ -78,11 +78,6 @@ class FormatInfo:
         return function
 
     @property
-    def is_written(self) -> bool:
-        """True for a target of conversions: a writer of tracks, of all devices or of a device."""
-        return bool(self.write_track or self.write_played or self.is_of_device)
-
-    @property
     def is_of_device(self) -> bool:
         """True for files of a single device: written from rasters or signals, no tracks."""
         return bool(self.write_raster or self.write_signals) and not self.write_track
@@ -113,9 +108,6 @@ FORMATS: Final[dict[str, FormatInfo]] = {
 
 EXPORTED: Final = tuple(info.id for info in FORMATS.values() if info.dialog is not None)
 """Ids of the export formats in dialog order; the export writes ``track`` and ``glb`` directly."""
-
-TARGETS: Final = tuple(info.id for info in FORMATS.values() if info.is_written)
-"""Ids of the formats that a file can be converted to."""
 
 
 def refuse_unknown(names: Iterable[str], option: str, known: Collection[str] = EXPORTED) -> None:

@@ -37,12 +37,13 @@ from pathlib import Path
 from hfx_blender.processes import blender_session
 bpy = blender_session.start()
 from hfx_blender.devices.configuration import load_device
+from hfx_tools.commands.conversion import TARGETS
 from hfx_tools.track_rendering import render_devices
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.export.scene_export import ExportSettings, SceneExport
 from hfx_blender.formats import writing
 from hfx_blender.engine.modality import MODALITIES
-from hfx_blender.formats.registry import FORMATS, TARGETS
+from hfx_blender.formats.registry import FORMATS
 from hfx_blender.export.recording import record_track
 from hfx_blender.engine.stepwise import finish
 from hfx_blender.engine.body.model import load_model

@@ -23,7 +23,7 @@ from hfx_blender.files.staging import place, staging
 from hfx_blender.formats.files import format_of, read_signals
 from hfx_blender.formats.hjif.semantics import is_date
 from hfx_blender.formats.rasters import csv_raster
-from hfx_blender.formats.registry import FORMATS, TARGETS, FormatInfo, refuse_unknown
+from hfx_blender.formats.registry import FORMATS, FormatInfo, refuse_unknown
 from hfx_blender.formats.signals.signals import (
     DEFAULT_TOLERANCE,
     MAX_HZ,
@@ -42,6 +42,13 @@ from ..formats.validation import fault_of
 from ..missing_models import refuse_missing
 from ..track_rendering import complete
 from . import sound_reading
+
+TARGETS: Final = tuple(
+    info.id
+    for info in FORMATS.values()
+    if info.write_track or info.write_played or info.is_of_device
+)
+"""Ids of the formats that a file can be converted to."""
 
 _START_BYTES: Final = 1 << 16  # bytes compared with those that HFX writes first
 _READ_AGAIN: Final = 64 << 20  # bytes

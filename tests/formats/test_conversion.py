@@ -17,7 +17,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.formats import files, writing
 from hfx_blender.formats.device_files import ahap, haptic
-from hfx_blender.formats.hjif import from_actuators, hjif_reader, to_signals
+from hfx_blender.formats.hjif import hjif_reader, to_signals
 from hfx_blender.formats.rasters import npz_raster
 from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals import losses
@@ -31,7 +31,7 @@ from hfx_blender.formats.signals.signals import (
 )
 from hfx_blender.formats.sound import wav
 from hfx_tools.commands.conversion import convert
-from hfx_tools.formats import npz_reader
+from hfx_tools.formats import hjif_from_actuators, npz_reader
 from hfx_tools.formats.validation import validate
 
 ENVELOPES = ["ahap", "haptic", "he", "he1", "openharmony", "openxr"]
@@ -356,7 +356,9 @@ def _tones(folder, hertz):
     signals = [
         signal([1.0] * 10, [frequency_hz] * 10, name=f"{frequency_hz:g}") for frequency_hz in hertz
     ]
-    (path,) = from_actuators.write_signals(signals, FrequencyRange(0, 1000), folder / "tones").files
+    (path,) = hjif_from_actuators.write_signals(
+        signals, FrequencyRange(0, 1000), folder / "tones"
+    ).files
     return path
 
 

@@ -20,14 +20,13 @@ from hfx_blender.formats import writing
 from hfx_blender.formats.device_files import ahap, haptic, he, tact
 from hfx_blender.formats.device_files.tact_layouts import Motor
 from hfx_blender.formats.files import read_signals
-from hfx_blender.formats.hjif import from_actuators
 from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals import losses, signals
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.signals.signals import FrequencyRange, Transient
 from hfx_blender.formats.signals.simplified_writer import error_note
 from hfx_tools.commands import conversion
-from hfx_tools.formats import signal_raster
+from hfx_tools.formats import hjif_from_actuators, signal_raster
 
 DEVICE = load_device("phone_lra")
 ITS_HZ = DEVICE.actuators[0].type.controls[1].neutral
@@ -125,7 +124,7 @@ def test_sums_reduced_to_one_frequency_are_reported(tmp_path):
 
 def test_envelope_data_beyond_hjif_is_reported(tmp_path):
     content = [signal(LOUD, [1500.0] * 5, name="high"), signal([0, 0.004, 0], name="weak")]
-    result = from_actuators.write_signals(content, RANGE, tmp_path / "x")
+    result = hjif_from_actuators.write_signals(content, RANGE, tmp_path / "x")
     (high,), (_, weak) = result.left_out, result.notes
     assert "0 to 1000 Hz" in high and high.endswith("1 (high)")
     assert "too weak" in weak and weak.endswith("1 (weak)")
@@ -157,7 +156,7 @@ def test_values_clipped_by_a_reader_are_reported():
 
 def test_hjif_ticks_above_full_scale_are_reported(tmp_path):
     content = replace(signal(LOUD), transients=(Transient(0.01, 0.9, 120.0),))
-    (path,) = from_actuators.write_signals([content], RANGE, tmp_path / "x").files
+    (path,) = hjif_from_actuators.write_signals([content], RANGE, tmp_path / "x").files
     document = json.loads(path.read_text())
     document["perceptions"][0]["channels"][0]["gain"] = 2.0
     path.write_text(json.dumps(document))
@@ -294,7 +293,7 @@ def test_errors_consider_values_near_in_time():
 def test_hjif_keeps_the_frequency_of_a_ramp_from_silence(levels, tmp_path):
     times = np.linspace(0.0, 2.0, len(levels))
     expected = signals.Signal("a", Curve(times, np.array(levels)), Curve.of([0, 2], [60.0, 300.0]))
-    actual = from_actuators.write_signals([expected], RANGE, tmp_path / "x", 0.01)
+    actual = hjif_from_actuators.write_signals([expected], RANGE, tmp_path / "x", 0.01)
     (claim,) = (note for note in actual.notes if "keyframes are within" in note)
     _, claimed_hz = map(float, re.findall(r"([0-9.]+)(?:%| Hz)", claim))
     document = json.loads(actual.files[0].read_bytes())

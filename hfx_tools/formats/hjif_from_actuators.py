@@ -11,13 +11,25 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...engine.rendering.device_config import DeviceConfig
-from ...engine.rendering.raster import Raster
-from ...files.strict_json import clean, read_bytes
-from ...text import counted
-from ..signals import losses
-from ..signals.curves import clipped
-from ..signals.signals import (
+from hfx_blender.engine.rendering.device_config import DeviceConfig
+from hfx_blender.engine.rendering.raster import Raster
+from hfx_blender.files.strict_json import clean, read_bytes
+from hfx_blender.formats.hjif import to_signals
+from hfx_blender.formats.hjif.body_parts import place_mask
+from hfx_blender.formats.hjif.envelopes import Dense, timescale_of
+from hfx_blender.formats.hjif.perceptions import (
+    DATE,
+    SUFFIX,
+    TOO_WEAK,
+    Place,
+    document_of,
+    perception_of,
+    too_weak_places,
+)
+from hfx_blender.formats.hjif.semantics import is_date
+from hfx_blender.formats.signals import losses
+from hfx_blender.formats.signals.curves import clipped
+from hfx_blender.formats.signals.signals import (
     DEFAULT_TOLERANCE,
     MAX_HZ,
     Credits,
@@ -26,13 +38,9 @@ from ..signals.signals import (
     frequencies_through_silence,
     joined_times,
 )
-from ..signals.simplified_writer import error_note
-from ..written import Written, write_json
-from . import to_signals
-from .body_parts import place_mask
-from .envelopes import Dense, timescale_of
-from .perceptions import DATE, SUFFIX, TOO_WEAK, Place, document_of, perception_of, too_weak_places
-from .semantics import is_date
+from hfx_blender.formats.signals.simplified_writer import error_note
+from hfx_blender.formats.written import Written, write_json
+from hfx_blender.text import counted
 
 _TICK_S: Final = 1e-4
 _SAMPLING_HZ: Final = 8000  # unit of the stored duration
