@@ -7,6 +7,7 @@ background at strips alone.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import bpy
@@ -129,7 +130,7 @@ def _channels(
         and (obj.visible_get() or filters.show_hidden)
     ]
     if filters.use_datablock_sort:
-        shown.sort(key=lambda obj: obj.name.casefold())
+        shown.sort(key=lambda obj: natural_key(obj.name))
     pairs: list[tuple[bpy.types.Object, bpy.types.NlaTrack]] = []
     blocks: list[tuple[str, list[int]]] = []
     for obj in shown:
@@ -141,6 +142,13 @@ def _channels(
             action = [ANY] if data.action or filters.show_missing_nla else []
             blocks.append((obj.name, [*action, *numbers]))
     return pairs, blocks
+
+
+def natural_key(name: str) -> list[tuple[int, int]]:
+    """Key of Blender's order of names (``BLI_strcasecmp_natural``): numbers by value, letters
+    without case, a dot before all other characters."""
+    parts = re.findall(rb"[0-9]+|[^0-9]", name.encode().lower())
+    return [(48, int(p)) if p.isdigit() else (-1 if p == b"." else p[0], 0) for p in parts]
 
 
 def strip_mask(region: bpy.types.Region, track: bpy.types.NlaTrack) -> I32:

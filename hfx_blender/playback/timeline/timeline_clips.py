@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Iterator
-from itertools import pairwise
+from itertools import pairwise, zip_longest
+from math import inf
 
 import blf
 import bpy
@@ -133,11 +134,16 @@ def _draw_rows(context: bpy.types.Context, rows: Iterable[Row]) -> None:
     blf.enable(0, blf.SHADOW)
     blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.8)
     ends: dict[float, float] = {}  # of the names written in a row, by its lower end
-    for name, left, low, right, tall in sorted(names, key=lambda entry: entry[1]):
+    names.sort(key=lambda entry: entry[2::-1])
+    for (name, left, low, right, tall), (_, following, row, *_) in zip_longest(
+        names, names[1:], fillvalue=("", inf, -inf)
+    ):
         x = max(left, 0.0) + 3.0 * scale
         if tall >= _TEXT_ROW * scale and x >= ends.get(low, 0.0):
-            write(name, x, low + 0.3 * tall, right - x)
-            ends[low] = min(right, x + blf.dimensions(0, name)[0])
+            # The name of a short clip goes on to the next clip of the row.
+            end = max(right, following if row == low else region.width)
+            write(name, x, low + 0.3 * tall, end - x)
+            ends[low] = min(end, x + blf.dimensions(0, name)[0])
     blf.disable(0, blf.SHADOW)
 
 

@@ -257,6 +257,8 @@ class HFX_UL_effects(bpy.types.UIList):
             title.prop(row, "is_open", text="", icon=icon, emboss=False)
             title.prop(row, "title", text="", emboss=False)
             line.label(text=f"{len(row_effects)}")
+        line = line.row(align=True)
+        line.alignment = "RIGHT"  # as narrow as the icons: the name has the rest
         for name, on, off in (
             ("is_selected", "LAYER_ACTIVE", "LAYER_USED"),
             ("is_solo", "SOLO_ON", "SOLO_OFF"),

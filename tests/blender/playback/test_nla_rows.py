@@ -57,3 +57,9 @@ def test_a_row_has_a_track_only_if_no_other_is_possible(
     fitting: list[list[int]], expected: list[int | None]
 ) -> None:
     assert nla_rows.certain_tracks(fitting) == expected
+
+
+def test_names_have_the_order_of_blender() -> None:
+    """As BLI_strcasecmp_natural compares: by value of numbers, "." first, shorter names first."""
+    names = ["Rain", "Rain.001", "rain 2", "Rain 10", "Rain1", "RainA", "rainb"]
+    assert sorted(reversed(names), key=nla_rows.natural_key) == names

@@ -237,8 +237,14 @@ class Driver:
         return actual
 
     def menu(self) -> Iterator[float]:
-        """Centres of the rows of the first opened menu."""
-        rows = yield from self.menu_rows()
+        """Centres of the rows of the first opened menu, which a busy computer draws late."""
+        rows: list[Point] = []
+        for _ in range(20):
+            rows = yield from self.menu_rows()
+            if rows:
+                break
+            yield 0.5
+        self.check(rows, "a menu is open")
         left = min(x for x, _ in rows)
         return [row for row in rows if row[0] - left < 20]
 

@@ -37,7 +37,11 @@ def add_haptic(h: Any, row: int, entry: int | None = None, shot: str = "") -> It
     x, y = rows[0]
     yield from h.move(x, y - _ABOVE_MENU)  # the entry chosen last is highlighted: not found
     rows = yield from h.menu()
-    entries = yield from h.submenu(rows[-1])  # Haptic is the last
+    entries: list[tuple[float, float]] = []
+    for _ in range(5):
+        entries = yield from h.submenu(rows[-1])  # Haptic is the last
+        if len(entries) > row:
+            break
     chosen = entries[row]
     if entry is not None:
         kinds = yield from h.submenu(chosen)
@@ -222,7 +226,7 @@ def icon(h: Any, row: int, which: int) -> Iterator[float]:
     """Centre of the star (0) or loudspeaker (1) in a row of the list of effects."""
     region = h.region("UI")
     (_, switches), *_ = yield from h.toggles(region)  # Show What Is Felt is the first switch
-    return region.x + region.width - (108, 86)[which], switches + LIST_BELOW + LIST_ROW * row
+    return region.x + region.width - (101, 85)[which], switches + LIST_BELOW + LIST_ROW * row
 
 
 def tint(pixels: np.ndarray, place: tuple[float, float], half: int = 6) -> np.ndarray:

@@ -30,7 +30,7 @@ def steps(h: Any) -> Iterator[float]:
     h.check(selected() == names[:3], f"Shift and a click select up to it: {selected()}")
     h.shot("1_selected.png")
     x, _ = yield from hands.icon(h, 0, 0)
-    dots = x - 22
+    dots = x - 16
     (_, first), (_, last) = (yield from row_at(h, 0)), (yield from row_at(h, 1))
     yield from h.drag([(dots, first), (dots, 0.5 * (first + last)), (dots, last)], step=0.2)
     yield 0.8

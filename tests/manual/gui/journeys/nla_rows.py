@@ -51,21 +51,21 @@ def steps(h: Any) -> Iterator[float]:
                 faults.append(f"{scale:g}: {names}")
         view.ui_scale = 1.0
         with h.context("NLA_EDITOR"):
-            for number in range(40):  # more rows than fit, all at the same times
-                bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name=f"A{number:02d}")
+            for number in range(40):  # more rows than fit, in Blender's order of numbers
+                bpy.ops.hfx.add_volume(modality="wind", shape="SPHERE", name=f"A {number}")
                 bpy.ops.hfx.add_clip(start=10.0, duration=1.0)
         yield 2.0
         h.shot("many.png")
         names = [effect.name for effect, *_ in drawn]
-        expected = [f"A{number:02d}" for number in range(40)][: len(names)]
+        expected = [f"A {number}" for number in range(40)][: len(names)]
         if len(names) < fitting(region) or names != expected:
             faults.append(f"cut off: {names}")
         with bpy.context.temp_override(window=h.window, area=area, region=region):
             bpy.ops.view2d.pan(deltax=0, deltay=-200)
         yield 1.0
         h.shot("scrolled.png")
-        first = min((effect.name for effect, *_ in drawn), default="")
-        if first != "A02":  # three rows of 27 pixels each
+        first = drawn[0][0].name if drawn else ""
+        if first != "A 2":  # three rows of 27 pixels each
             faults.append(f"scrolled: {first}")
         with bpy.context.temp_override(window=h.window, area=area, region=region):
             bpy.ops.view2d.pan(deltax=0, deltay=200)

@@ -58,7 +58,7 @@ def steps(h: Any) -> Iterator[float]:
 
     x, y = yield from hands.icon(h, 0, 0)
     above = y - hands.LIST_BELOW  # the switches and, to the right, the palette
-    yield from h.click(x + 49, above)
+    yield from h.click(x + 42, above)
     yield 0.6
     h.shot("5_palettes.png")
     rows = yield from h.menu_rows()
