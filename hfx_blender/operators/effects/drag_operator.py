@@ -21,15 +21,31 @@ from ..shared import HfxOperator, select_only, target_body
 from .effect_operators import show_wire_colours
 
 KINDS = (
-    ("SPHERE", "Sphere", "Drag out a sphere from its centre"),
-    ("CUBOID", "Box", "Drag out the base of a box, then click its height"),
+    ("SPHERE", "Sphere", "Drag out a sphere from its centre, beside objects as deep as the body"),
+    (
+        "CUBOID",
+        "Box",
+        "Drag out the base of a box, beside objects as deep as the body, then click its height",
+    ),
     ("SPOT", "Point on the Skin", "Drag out a disc from a place on the body"),
-    ("WIND", "Wind", "Drag out an arrow in the direction of the wind"),
+    ("WIND", "Wind", "Drag out an arrow in the direction of the wind, as deep as the body"),
 )
 _DRAG_HINT = "Release: confirm     Esc or right click: cancel"
 _HEIGHT_HINT = "Move: height     Click: confirm     Esc or right click: cancel"
 _LEAST_PIXELS = 4.0  # a shorter drag is a click, which adds the default size
 _DEFAULT_M = {"SPHERE": 0.5, "CUBOID": 1.0, "SPOT": 0.03, "WIND": 1.0}
+
+
+def depth_of(context: bpy.types.Context, origin: Vector, ray: Vector) -> Vector:
+    """Middle of the body nearest to a ray; the 3D cursor without a body."""
+
+    def distance(middle: Vector) -> float:
+        return (middle - geometry.intersect_point_line(middle, origin, origin + ray)[0]).length
+
+    bodies = effects.bodies_of(context.scene)
+    corners = ([body.matrix_world @ Vector(c) for c in body.bound_box] for body in bodies)
+    middles = (sum(box, Vector()) / len(box) for box in corners)
+    return min(middles, key=distance, default=context.scene.cursor.location)
 
 
 class HFX_OT_drag_effect(HfxOperator):
@@ -111,9 +127,9 @@ class HFX_OT_drag_effect(HfxOperator):
             self._across = ray
         if self.kind == "SPOT" and not is_hit:
             raise InputError("Start on the body.")
-        # A wind crosses the body, and starts at the depth of the 3D cursor.
+        # A wind crosses the body, also where the drag starts on the skin.
         if not is_hit or self.kind == "WIND":
-            place = self._on_plane(self._pressed, context.scene.cursor.location)
+            place = self._on_plane(self._pressed, depth_of(context, origin, ray))
         self.start = self.end = place
         self.height = 0.0
         self._shown = self._added(context).name

@@ -12,6 +12,7 @@ import pytest
 from bl_ui.space_toolsystem_common import ToolSelectPanelHelper
 from mathutils import Vector
 
+from hfx_blender.operators.effects.drag_operator import depth_of
 from hfx_blender.ui import toolbar
 from release import tool_icons
 
@@ -57,6 +58,23 @@ def test_a_point_lies_on_the_body_that_was_hit(scene: Any) -> None:
     assert point.hfx.modality == "vibration", "a point has no wind"
     assert point.hfx.radius == pytest.approx(0.05)
     assert np.linalg.norm(point.matrix_world.translation - chest) < 0.04
+
+
+def test_a_drag_beside_all_objects_is_as_deep_as_the_next_body(scene: Any) -> None:
+    scene.cursor.location = (0.0, 5.0, 0.0)
+    toward = Vector((0.0, 1.0, 0.0))
+    beside = Vector((1.0, -9.0, 1.0))
+    assert depth_of(bpy.context, beside, toward) == scene.cursor.location
+    bpy.ops.hfx.add_avatar()
+    bpy.context.object.location = (0.0, 0.0, 0.0)
+    bpy.ops.hfx.add_avatar()
+    bpy.context.object.location = (9.0, 2.0, 0.0)
+    bpy.context.view_layer.update()
+    # The avatar is 1.7 m high, and stands on its origin.
+    for x, y in ((1.0, 0.0), (8.0, 2.0)):
+        middle = depth_of(bpy.context, Vector((x, -9.0, 1.0)), toward)
+        assert middle.y == pytest.approx(y, abs=0.15)
+        assert middle.z == pytest.approx(0.85, abs=0.15)
 
 
 def test_the_tools_are_in_the_toolbar_of_object_mode(scene: Any) -> None:

@@ -34,6 +34,15 @@ def steps(h: Any) -> Iterator[float]:
     yield 0.8
     h.check(not effects(), "one Ctrl+Z takes it back")
 
+    bpy.context.scene.cursor.location = (0.0, 3.0, 0.0)
+    h.undo_push()
+    yield from h.drag(line(h.xy_of((-0.6, 0.0, 1.2)), h.xy_of((-0.6, 0.0, 0.9))), step=0.05)
+    yield 0.5
+    depth = bpy.context.object.location.y
+    h.check(abs(depth) < 0.2, f"beside the body as deep as the body: {depth:.2f} m")
+    yield from h.key("ctrl+z")
+    yield 0.8
+
     take(h, "hfx.drag_cuboid")
     yield from h.drag(line(h.xy_of((-1.0, 0, 0.5)), h.xy_of((-0.5, 0, 1.0))), step=0.05)
     yield from h.move(*h.xy_of((-0.4, 0, 1.0)))
