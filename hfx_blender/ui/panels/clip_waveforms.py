@@ -37,7 +37,8 @@ def icon(
     context: bpy.types.Context, effect: bpy.types.Object, strip: bpy.types.NlaStrip, number: int
 ) -> int:
     """Paint the waveform of the clip of this number in the panel, dark if muted; return the icon.
-    A vibration extends to both sides of the middle, other effects rise from the lower end."""
+    A vibration extends to both sides of the middle, other effects rise from the lower end. A white
+    line is the playhead."""
     import numpy as np
 
     if not _previews:
@@ -48,13 +49,16 @@ def icon(
     colour *= 0.35 if effects.is_muted(effect) or strip.mute else 1.0
     lowest = -1.0 if effect.hfx.modality == "vibration" else 0.0
     levels = waveform(effect, strip, SIZE)
-    if _painted.get(number) == (key := (lowest, colour.tobytes(), levels.tobytes())):
+    length = max(strip.frame_end - strip.frame_start, 1e-6)
+    playhead = int((context.scene.frame_current_final - strip.frame_start) / length * SIZE // 1)
+    if _painted.get(number) == (key := (lowest, colour.tobytes(), levels.tobytes(), playhead)):
         return int(preview.icon_id)
     _painted[number] = key
     values = np.linspace(lowest, 1.0, SIZE)[:, None]  # of the rows of pixels, from the lower end
     # At least the row of value 0 is filled: a line.
     is_filled = abs(values) <= np.maximum(levels, 0.02)
     shades = np.where(is_filled[..., None], colour, 0.1)
+    shades[:, [playhead] if 0 <= playhead < SIZE else []] = 1.0
     pixels = np.insert(255.0 * shades, 3, 255.0, axis=2).astype(np.uint8).view(np.int32).ravel()
     preview.image_size = SIZE, SIZE
     preview.image_pixels.foreach_set(pixels)

@@ -18,6 +18,7 @@ from ..sidebar import HfxPanel, draw_text
 from . import clip_waveforms, list_rows
 
 _LEAST_ROWS, _MOST_ROWS = 2, 10  # height of the list of effects
+_HIGH = 800  # height of an area for larger waveforms, pixels at an interface scale of 1
 _NO_BODY = "First choose a body: select your avatar's armature, or add the built-in avatar"
 _NO_EFFECT = "Add an effect: a volume in space, an area painted on the body, or a sensation"
 SLOW = (
@@ -88,7 +89,7 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
             rows = min(max(sum(map(list_rows.is_shown, manager.hfx_rows)), _LEAST_ROWS), _MOST_ROWS)
             lists = ("HFX_UL_effects", "", manager, "hfx_rows", manager, "hfx_row")
             row = layout.row()
-            row.template_list(*lists, rows=rows, maxrows=rows)
+            row.template_list(*lists, rows=rows, maxrows=rows, item_dyntip_propname="name")
             column = row.column(align=True)
             column.menu("HFX_MT_add", text="", icon="ADD")
             column.operator("hfx.remove_effects", text="", icon="REMOVE")
@@ -182,8 +183,18 @@ def _draw_clip(
     times: bpy.types.PropertyGroup,
     waveform: int,
 ) -> None:
-    row = box.row()
-    row.template_icon(waveform, scale=4.0)
+    # A low area keeps room for the panels below.
+    scale, area = bpy.context.preferences.system.ui_scale, bpy.context.area
+    is_high = area is not None and area.height >= _HIGH * scale
+    row = box.split(factor=0.5 if is_high else 0.3)
+    column = row.column(align=True)
+    column.template_icon(waveform, scale=6.0 if is_high else 4.0)
+    if is_high:
+        ends = column.split(factor=0.5)
+        ends.label(text=f"{times.start:.4g}", translate=False)
+        ends = ends.row()
+        ends.alignment = "RIGHT"
+        ends.label(text=f"{times.end:.4g}", translate=False)
     column = row.column(align=True)
     column.prop(times, "start", text="Start")
     column.prop(times, "end", text="End")

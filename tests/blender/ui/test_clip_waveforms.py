@@ -47,6 +47,11 @@ def test_the_preview_has_the_colour_of_the_modality_and_follows_the_clip(effect:
     strip.blend_in = 48  # a ramp: the upper left corner is empty now
     ramp = pixels()
     assert (ramp[-5, 5] != full[-5, 5]).any() and (ramp[5, -5] == full[5, -5]).all()
+    bpy.context.scene.frame_set(34)  # 24 of 48 frames: a white line in the middle
+    middle = clip_waveforms.SIZE // 2
+    assert (pixels()[:, middle] == 255).all() and not (pixels()[:, middle + 1] == 255).all()
+    bpy.context.scene.frame_set(59)  # after the clip
+    assert not (pixels()[..., :3] == 255).all(axis=2).any()
     strip.mute = True
     assert pixels()[5, -5, 1] < green
     strip.blend_in, effect.hfx.modality = 0.0, "vibration"
