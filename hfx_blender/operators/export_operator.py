@@ -14,7 +14,7 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..authoring import clips, painting
 from ..authoring.effects import effects, swarms
-from ..blender.events import add_handlers, remove_handlers
+from ..blender.events import add_handlers, push_undo_soon, remove_handlers
 from ..blender.translation import translated
 from ..errors import InputError
 from ..formats.registry import EXPORTED, FORMATS
@@ -269,8 +269,9 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         for warning in report.warnings:
             self.report({"WARNING"}, translated(printable(warning)))
         track = next((file for file in report.files if file.suffix == _TRACK), None)
-        if track is not None:  # the source of live devices
-            context.scene.hfx.live_track = str(track)
+        if track is not None and context.scene.hfx.live_track != str(track):
+            context.scene.hfx.live_track = str(track)  # the source of live devices
+            push_undo_soon()
         names = [file.name for file in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         shown = f"{', '.join(names[:_NAMED])}{more}"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...authoring.effects import effects, swarms
+from ...blender.events import push_undo_soon
 from ...playback.live.live import live
 from ...playback.preview.preview import preview
 from ...playback.timeline.timeline_recorder import recorder
@@ -59,6 +60,7 @@ class HFX_OT_record_track(StepwiseExport):
         hfx = context.scene.hfx
         hfx.live_track = str(next(file for file in report.files if file.suffix == SUFFIX))
         hfx.live_source = "TRACK"
+        push_undo_soon()
         return "Recorded: press Play under Live Devices, then play the timeline"
 
 
