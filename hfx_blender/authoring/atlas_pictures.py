@@ -111,7 +111,7 @@ def _poll() -> float | None:
     import numpy as np
 
     if is_painting():
-        _had_stroke = is_painting("PAINT_OT_image_paint")
+        _had_stroke |= is_painting("PAINT_OT_image_paint")
         return _POLL_S
     had_stroke, _had_stroke = _had_stroke, False
     now_s, window = time.monotonic(), bpy.context.window_manager.windows[0]
@@ -121,9 +121,10 @@ def _poll() -> float | None:
         shown = _shown(image)
         if are_weights_due or not np.array_equal(shown, _synced.get(image.session_uid)):
             with suppress(InputError), bpy.context.temp_override(window=window):
+                before = _synced.get(image.session_uid)
                 if sync(image):
                     if had_stroke:
-                        _undo_in_picture(image)
+                        _undo_in_picture(image, before)
                     bpy.ops.ed.undo_push(message="Paint in 2D")
                     return _POLL_S  # undo has replaced the images of this loop
     if are_weights_due:
@@ -131,13 +132,29 @@ def _poll() -> float | None:
     return _POLL_S if pictures() else None
 
 
-def _undo_in_picture(image: bpy.types.Image) -> None:
-    """Remove the undo step of a stroke in a picture, but keep the weights of the stroke. A single
-    step of the scene, added next, then takes the stroke back on both sides."""
+def note_stroke() -> None:
+    """Note that a stroke in a picture begins; strokes between two comparisons are not seen."""
+    global _had_stroke
+    _had_stroke = True
+
+
+def _undo_in_picture(image: bpy.types.Image, before: F64 | None) -> None:
+    """Remove the undo steps of the last strokes in a picture, back to levels ``before`` (V,), but
+    keep the weights of the strokes. A single step of the scene, added next, then takes the strokes
+    back on both sides."""
+    import numpy as np
+
     uid, weights = image.session_uid, painting.weights_of(image[EFFECT])
     frame = bpy.context.scene.frame_current
-    bpy.ops.ed.undo()
-    image = next(image for image in pictures() if image.session_uid == uid)
+    shown = _shown(image)
+    while not np.array_equal(shown, before):
+        bpy.ops.ed.undo()
+        image = next(image for image in pictures() if image.session_uid == uid)
+        later, shown = shown, _shown(image)
+        if np.array_equal(shown, later):  # the step of something else
+            bpy.ops.ed.redo()
+            image = next(image for image in pictures() if image.session_uid == uid)
+            break
     painting.set_weights(image[EFFECT], weights)
     _write(image, weights)
     bpy.context.scene.frame_current = frame  # played frames have no undo steps

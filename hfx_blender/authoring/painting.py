@@ -123,7 +123,28 @@ def set_weights(effect: bpy.types.Object, weights: F64) -> int:
         # Reading raises an error for an edited mesh, before anything is written.
         _read_group(effect, canvas)
         _write_group(canvas, weights)
-    return effects.store_weights(effect, weights)
+    count = effects.store_weights(effect, weights)
+    _move_arrow(effect)
+    return count
+
+
+def _move_arrow(effect: bpy.types.Object) -> None:
+    """Move a painted wind, whose arrow shows the direction of the air, to the skin nearest to the
+    middle of its area, on the posed body. No effect without area or body, and if parented."""
+    import numpy as np
+
+    from ..engine.body.model import load_model
+    from .paths import skin_picking
+
+    vertices, weights = effects.area(effect)
+    body = effects.body_in(bpy.context.scene, effect)
+    if effect.hfx.modality != "wind" or not vertices or body is None or effect.parent is not None:
+        return
+    places = load_model(effect.hfx.model_id).vertices[vertices]
+    anchor = skin_picking.Anchors.of(np.average(places, axis=0, weights=weights)[None])
+    with suppress(InputError):  # an outdated fit, which the panels report
+        points, _ = anchor.posed_on(body, bpy.context.evaluated_depsgraph_get())
+        effect.location = points[0].tolist()
 
 
 def transfer_area(effect: bpy.types.Object) -> int:
@@ -230,6 +251,7 @@ def end(effect: bpy.types.Object) -> int:
     if canvas is None:
         raise InputError(f"'{effect.name}' is not being painted.")
     count = effects.store_weights(effect, _read_group(effect, canvas))
+    _move_arrow(effect)
     mesh = canvas.data
     bpy.data.objects.remove(canvas)
     bpy.data.meshes.remove(mesh)

@@ -141,11 +141,13 @@ def set_brush_weight(context: bpy.types.Context, weight: float) -> None:
     unified.use_unified_size = True
 
 
-def set_paint_colour(context: bpy.types.Context, colour: tuple[float, float, float]) -> None:
-    """Set the colour of Texture Paint's brushes, and let all brushes share a colour."""
-    unified, _ = _brush_settings(context, "image_paint")
-    unified.color = colour
-    unified.use_unified_color = True
+def paint_white(context: bpy.types.Context, radius: int) -> None:
+    """Set the colour and, since 5.0, the radius in pixels of Texture Paint's brushes, and let all
+    brushes share them. Before, the size is that of Weight Paint, too."""
+    unified, is_diameter = _brush_settings(context, "image_paint")
+    unified.color, unified.use_unified_color = (1.0, 1.0, 1.0), True
+    if is_diameter:
+        unified.size, unified.use_unified_size = 2 * radius, True
 
 
 def brush_radius(context: bpy.types.Context) -> int:

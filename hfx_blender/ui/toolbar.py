@@ -11,6 +11,7 @@ import bpy
 from ..authoring.effects import effect_assets, effects
 from ..blender import compat
 from ..operators.effects.drag_operator import KINDS, HFX_OT_drag_effect
+from ..operators.painting.paint_view import FILL_TOOL
 
 _ICONS = Path(__file__).with_name("icons")  # drawn by release/tool_icons.py
 
@@ -42,7 +43,7 @@ class FillPartTool(bpy.types.WorkSpaceTool):
 
     bl_space_type = "VIEW_3D"
     bl_context_mode = "PAINT_WEIGHT"
-    bl_idname = "hfx.fill_part_tool"
+    bl_idname = FILL_TOOL
     bl_label = "Fill Body Part"
     bl_description = "Click a body part to fill the part, Ctrl to clear"
     bl_icon = "ops.paint.weight_fill"

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
 
 from ..arrays import I64
 from .model import PerceptualModel, load_model
-from .parts import HEAD, REGIONS, RIGHT
+from .parts import HEAD, REGIONS, RIGHT, Region
 from .regions import finest_masks
 
 _CLOSED = 0.5  # length of the mean normal below which a region goes round a limb
@@ -23,24 +24,30 @@ def texels(model_id: str) -> tuple[I64, tuple[int, int]]:
     limb. Charts stand in rows by menu group, head on top, the person's right on the left, with a
     free texel around each."""
     model = load_model(model_id)
-    masks = finest_masks(model.id)
     places, width = np.zeros((len(model), 2), np.int64), int(1.5 * len(model) ** 0.5) + 16
     left = bottom = height = 0
-    group, is_right = "", model.side == RIGHT
+    group = ""
+    for region, chart in charts(model):
+        at = _chart(model, chart)
+        size = at.max(axis=0) + 2
+        if left + size[0] > width or region.group != group:
+            left, bottom, height = 0, bottom + height, 0
+        group, width = region.group, max(width, int(size[0]) + 1)
+        places[chart] = at + np.array((left + 1, bottom + 1))
+        left, height = left + int(size[0]), max(height, int(size[1]))
+    return places, (width + 1, bottom + height + 1)
+
+
+def charts(model: PerceptualModel) -> Iterator[tuple[Region, I64]]:
+    """Yield the region and the vertices (n,) of each chart, in the order of the picture from the
+    lower left."""
+    masks, is_right = finest_masks(model.id), model.side == RIGHT
     for region in reversed([region for region in REGIONS if region.id in masks]):
         sides = (True,) if region.group == HEAD else (is_right, ~is_right)
         for is_on_side in sides:
             chart = np.flatnonzero(masks[region.id] & is_on_side)
-            if not len(chart):
-                continue
-            at = _chart(model, chart)
-            size = at.max(axis=0) + 2
-            if left + size[0] > width or region.group != group:
-                left, bottom, height = 0, bottom + height, 0
-            group, width = region.group, max(width, int(size[0]) + 1)
-            places[chart] = at + np.array((left + 1, bottom + 1))
-            left, height = left + int(size[0]), max(height, int(size[1]))
-    return places, (width + 1, bottom + height + 1)
+            if len(chart):
+                yield region, chart
 
 
 def _chart(model: PerceptualModel, chart: I64) -> I64:

@@ -37,14 +37,11 @@ _DEFAULT_M = {"SPHERE": 0.5, "CUBOID": 1.0, "SPOT": 0.03, "WIND": 1.0}
 
 
 def depth_of(context: bpy.types.Context, origin: Vector, ray: Vector) -> Vector:
-    """Middle of the body nearest to a ray; the 3D cursor without a body."""
-
-    def distance(middle: Vector) -> float:
-        return (middle - geometry.intersect_point_line(middle, origin, origin + ray)[0]).length
-
+    """Middle of the body nearest to a ray of length 1; the 3D cursor without a body."""
     bodies = effects.bodies_of(context.scene)
     corners = ([body.matrix_world @ Vector(c) for c in body.bound_box] for body in bodies)
     middles = (sum(box, Vector()) / len(box) for box in corners)
+    distance = lambda middle: (middle - origin).cross(ray).length  # noqa: E731
     return min(middles, key=distance, default=context.scene.cursor.location)
 
 

@@ -13,6 +13,7 @@ from mathutils.bvhtree import BVHTree
 from ...authoring import atlas_pictures, clips, painting
 from ...authoring.effects import effects
 from ...blender import compat
+from ...blender.translation import translated
 from ...engine.body.parts import REGIONS, SIDES
 from ...engine.modality import MODALITY_ITEMS
 from ...errors import InputError
@@ -167,6 +168,8 @@ class HFX_OT_fill_part(_PaintedOperator):
             tree = BVHTree.FromObject(canvas, context.evaluated_depsgraph_get())
             vertex = paint_view.vertex_under(context, canvas, tree, event)
             if vertex is None:
+                # An error's popup would take the next click.
+                self.report({"WARNING"}, translated("Click on the body"))
                 return {"CANCELLED"}
             self.choose(vertex, canvas.data.use_mirror_x)
         return self.execute(context)

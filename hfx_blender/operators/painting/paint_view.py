@@ -11,21 +11,25 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import partial
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
+import blf
 import bpy
 from bpy.app.handlers import persistent
 from idprop.types import IDPropertyGroup
 from mathutils.bvhtree import BVHTree
 
-from ...authoring import painting, volumes
+from ...authoring import atlas_pictures, painting, volumes
 from ...authoring.effects import effects
 from ...blender import compat
-from ...blender.events import add_handlers, call_soon, remove_handlers
+from ...blender.events import DrawHandlers, add_handlers, call_soon, remove_handlers
 from ...blender.translation import translated
-from ...engine.body.parts import CENTRE, SIDES
+from ...engine.body.parts import CENTRE, HEAD, SIDES
 from ...playback.preview.preview import preview
 from .. import framing
+
+if TYPE_CHECKING:
+    from ...engine.body.model import PerceptualModel
 
 _HIDDEN = "hfx_hidden_to_paint"
 """ID property of the painted mesh: objects hidden during painting.
@@ -38,13 +42,16 @@ _OPACITY = 0.8
 """Opacity of Weight Paint's colours: full colours would hide the shape."""
 
 _LEAST_PIXELS, _MOST_PIXELS = 4.0, 500.0
+_BRUSH_TEXELS = 3.0  # radius of the brush on an atlas picture
+FILL_TOOL = "hfx.fill_part_tool"
+_FILL_HINT = "Click: fill the part     Ctrl Click: clear the part"
 
 _UNPAINTED = (0.3, 0.3, 0.35, 1.0)  # colour of weight 0
 
 _before: dict[int, tuple[list[dict[str, Any]], float]] = {}
 """Views and opacity before painting, by the viewport's pointer; for as long as Blender runs."""
 
-_browsers: set[int] = set()  # pointers of Asset Browsers' areas that show a picture
+_borrowed: dict[int, str] = {}  # earlier editors of areas that show a picture, by pointer
 _halves: set[int] = set()  # pointers of Image Editors split from a viewport
 
 _own_range: list[tuple[float, tuple[float, ...]]] = []
@@ -113,10 +120,10 @@ def leave() -> None:
             if view is not None and area.type == "VIEW_3D":
                 framing.restore(area, view[0])
                 area.spaces.active.overlay.weight_paint_mode_opacity = view[1]
-            if area.as_pointer() in _browsers and area.type == "IMAGE_EDITOR":
-                area.ui_type = "ASSETS"
+            if area.as_pointer() in _borrowed and area.type == "IMAGE_EDITOR":
+                area.ui_type = _borrowed[area.as_pointer()]
     call_soon(_close_halves)  # later: the running operator needs the screen's context
-    _browsers.clear()
+    _borrowed.clear()
     _before.clear()
     set_weight_colours(None)
 
@@ -153,14 +160,16 @@ def set_weight_colours(colour: tuple[float, ...] | None) -> None:
 
 
 def show_picture(context: bpy.types.Context, image: bpy.types.Image) -> None:
-    """Show an image in Paint mode in an Image Editor, in place of the Asset Browser until painting
-    ends, or in half of the viewport; paint with white. No effect without any of them."""
+    """Show an image in Paint mode in an Image Editor, until painting ends in place of the Asset
+    Browser or of a taller NLA Editor, or else in half of the viewport; paint with white. No effect
+    without any of them."""
     areas = [area for area in context.screen.areas if area.type == "IMAGE_EDITOR"]
-    browsers = [area for area in context.screen.areas if area.ui_type == "ASSETS"]
-    if not areas and browsers:
-        _browsers.add(browsers[0].as_pointer())
-        browsers[0].type = "IMAGE_EDITOR"
-        areas = browsers
+    others = [area for area in context.screen.areas if area.ui_type in ("ASSETS", "NLA_EDITOR")]
+    others.sort(key=lambda area: -area.height)
+    if not areas and others:
+        _borrowed[others[0].as_pointer()] = others[0].ui_type
+        others[0].type = "IMAGE_EDITOR"
+        areas = others
     viewport = framing.viewport(context)
     if not areas and viewport is not None:
         with context.temp_override(area=viewport, region=framing.views(viewport)[-1]):
@@ -171,14 +180,42 @@ def show_picture(context: bpy.types.Context, image: bpy.types.Image) -> None:
     for area in areas[:1]:
         space = area.spaces.active
         space.image, space.ui_mode = image, "PAINT"
-        compat.set_paint_colour(context, (1.0, 1.0, 1.0))
         call_soon(partial(_frame_picture, context.window, area), 0.2)
 
 
 def _frame_picture(window: bpy.types.Window, area: bpy.types.Area) -> None:
-    """View all of an Image Editor's image; by a timer, after Blender has updated the sizes."""
+    """View all of an Image Editor's image, and fit the brush to its texels; by a timer, after
+    Blender has updated the sizes."""
+    with suppress(AttributeError):  # before Blender 4.3 there is no shelf of brushes over the feet
+        area.spaces.active.show_region_asset_shelf = False
     with bpy.context.temp_override(window=window, area=area, region=framing.views(area)[-1]):
         bpy.ops.image.view_all(fit_view=True)
+        radius = max(_BRUSH_TEXELS * area.spaces.active.zoom[0], _LEAST_PIXELS)
+        compat.paint_white(bpy.context, round(radius))
+
+
+def _draw_names() -> None:
+    """Name the charts of an atlas picture in the Image Editor, where the names fit."""
+    from ...engine.body import atlas, model
+    from ...playback.preview.drawing import TEXT, write
+
+    context = bpy.context
+    image, view = context.space_data.image, context.region.view2d
+    if image is None or atlas_pictures.MODEL not in image:
+        return
+    painted = model.load_model(image[atlas_pictures.MODEL])
+    cells, (width, height) = atlas.texels(painted.id)
+    blf.size(0, 10.0 * context.preferences.system.ui_scale)
+    blf.color(0, *TEXT)
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
+    for region, chart in atlas.charts(painted):
+        (left, low), right = cells[chart].min(axis=0), cells[chart, 0].max() + 1
+        x, y = view.view_to_region(left / width, low / height, clip=False)
+        end, _ = view.view_to_region(right / width, 0.0, clip=False)
+        name = region.label if region.group == HEAD else part_name(painted, chart[0])
+        write(translated(name), x, y, end - x)
+    blf.disable(0, blf.SHADOW)
 
 
 class SceneBrush:
@@ -267,14 +304,22 @@ class HFX_OT_paint_status(bpy.types.Operator):
                 self._surface = None
             elif self._surface is None:
                 self._surface = BVHTree.FromObject(canvas, context.evaluated_depsgraph_get())
+            effect = canvas[painting.PAINTED_EFFECT]
             vertex = vertex_under(context, canvas, self._surface, event)
-            if vertex is not None:
-                effect = canvas[painting.PAINTED_EFFECT]
+            if vertex is None:
+                vertex = _vertex_on_picture(context, event)
+            else:
                 self._brush.least = painting.spacing(canvas, effect, vertex)
-            text = "" if vertex is None else part_name(canvas, vertex)
+            name = "" if vertex is None else part_name(effects.model_of(effect), vertex)
+            tool = context.workspace.tools.from_space_view3d_mode("PAINT_WEIGHT")
+            hint = _FILL_HINT if tool is not None and tool.idname == FILL_TOOL else ""
+            text = "     ".join(translated(part) for part in (name, hint) if part)
             if text != self._shown:
                 self._shown = text
-                context.workspace.status_text_set(translated(text) or None)
+                context.workspace.status_text_set(text or None)
+        is_press = (event.type, event.value) == ("LEFTMOUSE", "PRESS")
+        if is_press and _vertex_on_picture(context, event) is not None:
+            atlas_pictures.note_stroke()
         if canvas.mode == "WEIGHT_PAINT":
             self._brush.fit(context, event)
         # All events pass on: strokes and navigation are Blender's.
@@ -336,27 +381,49 @@ def vertex_under(
     return None
 
 
-def part_name(canvas: bpy.types.Object, vertex: int) -> str:
+def _vertex_on_picture(context: bpy.types.Context, event: bpy.types.Event) -> int | None:
+    """Vertex of the texel under the mouse, or of the next texel, on an atlas picture in an Image
+    Editor; None elsewhere."""
+    import numpy as np
+
+    from ...engine.body import atlas
+
+    pictures = atlas_pictures.pictures()
+    for area in context.screen.areas:
+        image = area.spaces.active.image if area.type == "IMAGE_EDITOR" else None
+        region = framing.views(area)[-1]
+        x, y = event.mouse_x - region.x, event.mouse_y - region.y
+        if image in pictures and framing.holds(region, event.mouse_x, event.mouse_y):
+            cells, size = atlas.texels(image[atlas_pictures.MODEL])
+            apart = abs((cells + 0.5) / size - region.view2d.region_to_view(x, y)) * size
+            vertex = int(np.argmin(apart.max(axis=1)))
+            return vertex if apart[vertex].max() <= 1.5 else None
+    return None
+
+
+def part_name(model: PerceptualModel, vertex: int) -> str:
     """Body part of a vertex, such as "Calves (left)"; empty for an unknown vertex."""
     from ...engine.body.regions import region_at
 
-    model = effects.model_of(canvas[painting.PAINTED_EFFECT])
     if vertex >= len(model):
         return ""
     region, side = region_at(model, vertex), int(model.side[vertex])
     return region.label if side == CENTRE else f"{region.label} ({SIDES[side]})"
 
 
+_names = DrawHandlers((bpy.types.SpaceImageEditor, _draw_names, "POST_PIXEL"))
 _HANDLERS = {"undo_post": _after_undo, "redo_post": _after_undo, "load_post": _after_loading}
 
 
 def register() -> None:
+    _names.register()
     if not bpy.app.background:
         add_handlers(_HANDLERS)
         preview.on_scene_checked.append(_resume)  # back from another scene
 
 
 def unregister() -> None:
+    _names.unregister()
     set_weight_colours(None)
     remove_handlers(_HANDLERS)
     if _resume in preview.on_scene_checked:

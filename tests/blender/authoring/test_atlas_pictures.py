@@ -14,7 +14,7 @@ from hfx_blender.authoring import atlas_pictures, painting
 from hfx_blender.authoring.effects import effects
 from hfx_blender.engine.body import atlas
 from hfx_blender.engine.body.model import load_model
-from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.body.parts import PARTS, RIGHT
 
 MODEL = "hfx-pressure-1"
 
@@ -47,6 +47,24 @@ def test_each_vertex_has_a_texel_near_those_of_its_neighbours(model_id: str) -> 
     edges = model.triangles[:, :2]
     apart = np.abs(cells[edges[:, 0]] - cells[edges[:, 1]]).max(axis=1)
     assert np.median(apart) <= 2
+
+
+def test_the_charts_of_an_atlas_are_apart_and_hold_all_vertices() -> None:
+    model = load_model(MODEL)
+    cells, _ = atlas.texels(MODEL)
+    charts = list(atlas.charts(model))
+    vertices = np.concatenate([chart for _, chart in charts])
+    assert np.array_equal(np.sort(vertices), np.arange(len(model)))
+    sides = {region.id: [] for region, _ in charts}
+    boxes = []
+    for region, chart in charts:
+        sides[region.id].append(model.side[chart])
+        boxes.append((*cells[chart].min(axis=0), *cells[chart].max(axis=0)))
+    # The right palm is a chart of its own, left of that of the left palm.
+    assert [(side == RIGHT).all() for side in sides["hand_palm"]] == [True, False]
+    for k, (left, low, right, high) in enumerate(boxes):
+        for left2, low2, right2, high2 in boxes[:k]:
+            assert left > right2 or left2 > right or low > high2 or low2 > high
 
 
 def test_the_atlas_stands_as_the_body_seen_from_outside() -> None:

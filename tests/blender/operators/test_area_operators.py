@@ -284,17 +284,34 @@ def test_an_unreadable_file_of_areas_is_never_replaced(
     assert path.read_bytes() == damaged and painting.saved_names() == []
 
 
+def test_the_arrow_of_a_painted_wind_stands_at_its_area_on_the_posed_body(effect: Any) -> None:
+    body, touch = effect.hfx.body, effect
+    assert touch.location.length == 0.0, "only wind has a direction"
+    body.location = (3.0, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    bpy.ops.hfx.add_painted(modality="wind")
+    wind = bpy.context.object
+    bpy.ops.hfx.paint_begin()
+    bpy.ops.hfx.fill_part(part="hand_palm", side="left")
+    bpy.ops.hfx.paint_end()
+    model = model_of(wind)
+    left = model.vertices[sorted(left_palm(model))].mean(axis=0)
+    aside = np.array(body.location)
+    assert np.linalg.norm(left + aside - wind.location) < 0.05
+    wind.location = (0.0, 0.0, 2.0)
+    bpy.ops.hfx.area_mirror(action="flip")
+    assert np.linalg.norm(left * (-1, 1, 1) + aside - wind.location) < 0.05
+
+
 def test_the_part_under_the_mouse_is_named_as_people_say_it(effect: Any) -> None:
     from hfx_blender.operators.painting.paint_view import part_name
 
-    bpy.ops.hfx.paint_begin()
-    canvas = bpy.context.object
     model = model_of(effect)
     left = int(np.flatnonzero((model.part == PALM) & (model.side == LEFT))[0])
-    assert part_name(canvas, left) == "Palms (left)"
+    assert part_name(model, left) == "Palms (left)"
     middle = int(np.flatnonzero(model.side == 0)[0])
-    assert "(" not in part_name(canvas, middle)
-    assert part_name(canvas, len(model) + 5) == ""
+    assert "(" not in part_name(model, middle)
+    assert part_name(model, len(model) + 5) == ""
 
 
 def test_an_avatar_that_was_hidden_stays_hidden_after_painting(effect: Any) -> None:

@@ -45,6 +45,11 @@ class RealInput:
         chain = [("mousemove", str(round(x)), str(round(y)), "sleep", pause) for x, y in points]
         yield from self._call(*(word for item in chain for word in item))
 
+    def dabs(self, points: Sequence[tuple[float, float]]) -> Iterator[float]:
+        """Click on points within a few hundredths of a second."""
+        chain = [("mousemove", str(round(x)), str(round(y)), "click", "1") for x, y in points]
+        yield from self._call(*(word for item in chain for word in item))
+
     def press(self, button: int) -> Iterator[float]:
         yield from self._call("mousedown", str(button))
 
@@ -92,6 +97,12 @@ class SimulatedInput:
         for point in points:
             yield from self.move(*point)
             yield seconds / len(points)
+
+    def dabs(self, points: Sequence[tuple[float, float]]) -> Iterator[float]:
+        for point in points:
+            yield from self.move(*point)
+            yield from self.press(1)
+            yield from self.release(1)
 
     def press(self, button: int) -> Iterator[float]:
         yield from self._event(BUTTONS[button], "PRESS")

@@ -20,7 +20,6 @@ STRIKES = (126, 140, 158)  # frames
 def steps(h: Any) -> Iterator[float]:
     yield from hands.empty_scene(h, FPS)
     yield from hands.add_avatar(h)
-    yield from hands.zoom_out(h, 6)  # the head of the wind's arrow is in view
 
     wind = hands.MODALITIES.index("wind")
     yield from hands.add_haptic(h, hands.VOLUME_ROW + hands.SHAPES.index("CUBOID"), wind)
@@ -44,6 +43,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.go_to(h, 5 * FPS)
     yield from h.press_button("HFX_OT_add_clip")
     yield from hands.adjust(h, {1: "48"}, shot="1_wind.png")
+    yield from hands.zoom_out(h, 6)  # the head of the wind's arrow is in view
     h.document("editor_volume.png", left=0.0, bottom=0.0)
     (strip,) = hands.clips_of(hands.effect("wind"))
     h.check(strip.frame_end - strip.frame_start == 2 * FPS, "it blows for 2 s")

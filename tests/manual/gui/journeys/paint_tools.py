@@ -32,9 +32,24 @@ def steps(h: Any) -> Iterator[float]:
     red, green, blue = hands.tint(pixels, h.xy_of((0.05, -0.1, 1.05)), 2)
     h.check(green > 1.2 * red and green > 1.2 * blue, f"in green: {red, green, blue}")
 
+    yield from h.click(*h.xy_of((0.6, 0.0, 1.7)))
+    yield 0.3
+    h.shot("1_beside.png")  # a message, and the tool's hint in the status bar
+    h.check(np.array_equal(weights(), filled), "a click beside the body changes nothing")
+    yield from h.input.hold("ctrl")
+    yield from h.click(*h.xy_of(BELLY))
+    yield from h.input.let_go("ctrl")
+    yield 0.5
+    h.shot("1_cleared.png")
+    h.check(not weights().any(), "Ctrl and a click clear the belly")
+    yield from h.click(*h.xy_of(BELLY))
+    yield 0.5
+
     yield from h.press_button("HFX_OT_area_atlas")
     yield 2.5
     h.shot("2_atlas.png")
+    shelves = [part for part in h.area("IMAGE_EDITOR").regions if part.type == "ASSET_SHELF"]
+    h.check(all(part.height <= 1 for part in shelves), "no shelf of brushes covers the atlas")
     (image,) = (image for image in bpy.data.images if image.get("hfx_atlas_effect"))
     atlas = hands.module("engine.body.atlas")
     cells, (width, height) = atlas.texels("hfx-pressure-1")
@@ -47,10 +62,17 @@ def steps(h: Any) -> Iterator[float]:
     region = h.region("WINDOW", "IMAGE_EDITOR")
     x, y = region.view2d.view_to_region(column / width, row / height)
     place = region.x + x, h.window.height - (region.y + y)
+    yield from h.move(*place)
+    yield 0.5
+    h.shot("2_named.png")  # the part under the mouse, in the status bar
     yield from h.drag([(place[0] + step, place[1]) for step in range(-6, 7, 3)])
     yield from h.until(lambda: weights()[face].any(), "a stroke on the atlas paints the face", 20)
     yield 1.0
     h.shot("3_stroke.png")
+    painted = np.flatnonzero(weights() > filled)
+    near = np.abs(cells[painted] - (column, row)).max(axis=1)
+    if bpy.app.version >= (5, 0):  # before, the brush has the size of that of the body
+        h.check(near.max() < 10, f"the brush is small on the atlas: {near.max():.0f} texels")
     yield from h.move(*h.xy_of(CHEST))
     yield from h.key("ctrl+z")
     yield 1.5

@@ -54,3 +54,21 @@ def steps(h: Any) -> Iterator[float]:
                 is_linked() and np.array_equal(weights() > 0.5, states[count]),
                 f"{way}: {count} strokes on both sides, {found} vertices",
             )
+    calf = cells[model.part == parts.index("lower_leg")]
+    region = h.region("WINDOW", "IMAGE_EDITOR")
+    dabs = []
+    for column, row in (calf.min(axis=0) + 8, calf.max(axis=0) - 8):
+        x, y = region.view2d.view_to_region(column / width, row / height)
+        dabs.append((region.x + x, h.window.height - (region.y + y)))
+    yield from h.input.dabs(dabs)
+    yield from h.until(is_longer, "two quick dabs are on both sides", 20)
+    yield 1.0
+    h.shot("dabs.png")
+    yield from h.move(*h.xy_of((0.3, -0.1, 1.7)))
+    yield from h.key("ctrl+z")
+    yield 1.5
+    h.shot("dabs_undone.png")
+    h.check(
+        is_linked() and np.array_equal(weights() > 0.5, states[-1]),
+        "one Ctrl+Z takes both dabs back, on both sides",
+    )
