@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Registers the add-on's modules with Blender, in order."""
 
-from __future__ import annotations
-
 import atexit
 
 from . import cli, operators, ui

@@ -6,8 +6,6 @@ layer, body models and code of the fit. An unreadable entry counts as missing, a
 ignored.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import zipfile

@@ -5,8 +5,6 @@ A .blend is a sequence of blocks, each a memory image of C structures of the sam
 DNA1 near the end describes the fields of all structures. Blender 5 has wider block heads.
 """
 
-from __future__ import annotations
-
 import gzip
 import io
 import math

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Import of the packages that a fit to an avatar needs, before *Add Haptic Body* is chosen."""
 
-from __future__ import annotations
-
 import threading
 from functools import cache
 from importlib import import_module

@@ -4,8 +4,6 @@
 ``docs/device-configuration.md`` describes the format. A configuration has no code and no paths.
 """
 
-from __future__ import annotations
-
 import re
 from contextlib import suppress
 from dataclasses import replace

@@ -4,8 +4,6 @@
 Products and inverses run without BLAS threads, which take longer to wake than the work.
 """
 
-from __future__ import annotations
-
 import struct
 import tokenize
 import zipfile

@@ -5,8 +5,6 @@ Blender releases the interpreter while stepping a scene, as does compiled code. 
 are the same, in the same order, as without the thread.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing

@@ -5,8 +5,6 @@ A generator yields the completed fraction and returns its result. Closing the ge
 unfinished work, like an error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar

@@ -4,8 +4,6 @@
 Determines the samples of each skin cell, the level of detail, and sub-steps in time.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Atomic file writing: a file gets its name when its content is complete."""
 
-from __future__ import annotations
-
 import errno
 import glob
 import hashlib

@@ -4,8 +4,6 @@
 Readers tolerate some findings, and describe these as sentences.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Content hashes of files, folders and numbered file sequences."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

@@ -4,8 +4,6 @@
 The suffixes are here for the user interface, which does not import the formats.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any, Final

@@ -5,8 +5,6 @@ A few bytes can require days of values. Every reader and converter checks the li
 --largest N``, or :func:`raised` in Python, multiplies the limits by N.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Advisory locks on files and folders; the system releases the locks of a process that ends."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import stat

@@ -7,8 +7,6 @@ ended processes are removed. Locks may not reach other machines that share the f
 name contains the machine, and only folders of this machine are removed.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Strict JSON parsing with limits, bounded file reading, and deterministic JSON encoding."""
 
-from __future__ import annotations
-
 import json
 import math
 import mmap

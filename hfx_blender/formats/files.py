@@ -6,8 +6,6 @@ of the export's time), before files get their names; tables, sound and samples c
 numbers. Envelopes are not decoded here: keyframe writers read their files back for error notes.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Final

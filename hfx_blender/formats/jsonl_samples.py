@@ -6,8 +6,6 @@ the set. The effect at a vertex is weight times level times the strength paramet
 times the difference from neutral).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path

@@ -5,8 +5,6 @@
 texts are derived from it. A format's module is imported at the first use of a function.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Generated surface as files: pictures of colour, height and roughness, haptic map, record."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Mapping

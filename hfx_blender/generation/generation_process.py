@@ -5,8 +5,6 @@ The process takes a job and sends JSON messages ``{"share": 0..1}``, ``{"made": 
 and ``{"error": sentence}``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Interpretation of English words: kind of material and qualities."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field, fields, replace
 from typing import Final

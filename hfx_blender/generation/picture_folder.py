@@ -6,8 +6,6 @@ forks write one text, ``parameters``. ComfyUI writes the graph of its nodes as J
 executed, ``workflow`` as drawn in the editor.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Mapping

@@ -5,8 +5,6 @@ Materials are in ``surface_words.csv``; of a word in several rows the first row 
 are in ``surface_words.json``.
 """
 
-from __future__ import annotations
-
 import csv
 import difflib
 import itertools

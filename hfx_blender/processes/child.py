@@ -6,8 +6,6 @@ PROGRAM ARGUMENT...``. The parent folder of the package is not added to ``sys.pa
 all extensions are there, with names such as ``queue``. The folders in PACKAGES are appended.
 """
 
-from __future__ import annotations
-
 import _signal
 import os
 import sys

@@ -6,8 +6,6 @@ empty, text, JSON, float64 values, or JSON with arrays (``devices/workers/messag
 No part of a message is executed as code.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Iterator

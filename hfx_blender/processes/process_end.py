@@ -5,8 +5,6 @@ Only pip's command records signals (``hfx_tools/command_process/signal_watch.py`
 process :func:`check` does nothing.
 """
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Start and end of processes with modules of this package: command line, environment."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -4,8 +4,6 @@
 Only this module imports the package.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from importlib.machinery import PathFinder

@@ -5,8 +5,6 @@ Format: https://opensoundcontrol.stanford.edu/spec-1_0.html. Argument types are 
 and h. Time tags of bundles are ignored: every message is for now.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from typing import Final, NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Receiver of OSC messages by UDP in a thread, with a bound on the work of a flood."""
 
-from __future__ import annotations
-
 import ipaddress
 import socket
 import threading

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """OSC addresses of values and time: from messages to typed changes (``docs/osc-addresses.md``)."""
 
-from __future__ import annotations
-
 import re
 from typing import Final, NamedTuple
 from urllib.parse import quote, unquote

@@ -9,8 +9,6 @@ the body faces +Z. Here the axes are Blender's: right-handed, Z up, the body fac
 QuaternionAndEulerRotationsInUnity.html; the same table is in ``docs/formats/clip.md``.)
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterable

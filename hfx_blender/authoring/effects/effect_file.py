@@ -5,8 +5,6 @@ A JSON file contains a sensation: a list of effects with areas or volumes, param
 physical units, contact responses, and clips timed from 0. There is no code and no path in a file.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path

@@ -5,8 +5,6 @@ A response is a stack of filters with controls in SI units and keyframes over ti
 particle system that emits a volume. Forces and colliders belong to the scene, not to the file.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Final
 

@@ -5,8 +5,6 @@ A file contains the control points of a path, and optionally a motion. There is 
 and no file path in a file.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Reader of device configurations: JSON to ``DeviceConfig``, with conditions between fields."""
 
-from __future__ import annotations
-
 import ipaddress
 import itertools
 import math

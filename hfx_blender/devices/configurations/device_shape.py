@@ -6,8 +6,6 @@ generated from it (``python docs/regenerate.py schema``). The readers check cond
 fields.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final, get_args
 

@@ -13,8 +13,6 @@ the right and Y up in the front view, so that X is the wearer's left, and Z to t
 are fitted to the body parts of the reference.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Sequence

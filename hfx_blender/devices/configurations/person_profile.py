@@ -4,8 +4,6 @@
 ``hfx profile make`` writes a profile. A profile narrows limits, never widens one.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, Final
 

@@ -4,8 +4,6 @@
 Not in a .blend, which is passed on to users with other devices.
 """
 
-from __future__ import annotations
-
 import json
 import math
 

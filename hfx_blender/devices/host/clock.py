@@ -2,8 +2,6 @@
 """Clock of the output process, which goes on while the computer sleeps, replaceable in tests; and
 short time slices."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import platform

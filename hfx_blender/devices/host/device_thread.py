@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Thread of a device in the output process; a fault affects only this device."""
 
-from __future__ import annotations
-
 import logging
 import math
 import threading

@@ -6,8 +6,6 @@ then is the shorter of the two differences, so that a wall clock that was set fo
 A file of a killed process counts as on for the interval of writing; a damaged file as load 1.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

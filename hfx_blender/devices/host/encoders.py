@@ -6,8 +6,6 @@ Values from the guard are limited once more here: a NaN cast to a whole number c
 power.
 """
 
-from __future__ import annotations
-
 from functools import reduce
 from operator import xor
 from typing import Final

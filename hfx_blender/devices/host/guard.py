@@ -6,8 +6,6 @@ values, time on.
 All values of scripts and of the engine pass through here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

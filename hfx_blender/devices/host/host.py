@@ -12,8 +12,6 @@ sleeps), a lost output, a fault of a device script or of the render worker. Only
 ends the silence.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Interface of a device's open output, for any kind of connection."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final, Protocol, runtime_checkable
 

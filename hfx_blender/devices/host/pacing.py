@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pacing of a device's values: delay of frames, ramps between frames, update rates."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import Final

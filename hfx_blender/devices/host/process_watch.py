@@ -8,8 +8,6 @@ set, the state is zombie. macOS has the same flag. Windows sets the exit code an
 pipes included, before freeing memory.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import sys

@@ -6,8 +6,6 @@ public plugin for SimHub sends them. Application id and key of the second are of
 programs that imitate the Player take any.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -5,8 +5,6 @@ A log is a new regular file, or an earlier log of a simulator. Pipes and device 
 opened: opening a pipe may block, and opening a device node may have effects.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import stat

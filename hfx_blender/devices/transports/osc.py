@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """OSC 1.0 over UDP, with addresses as configured, such as VRChat's parameters."""
 
-from __future__ import annotations
-
 import socket
 from contextlib import suppress
 from typing import Final

@@ -6,8 +6,6 @@ addresses. Each message holds the strengths; the page answers it, and falls sile
 for the dead-man time.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import hmac

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Reservations of ports, devices of a server and channels by the outputs of this process."""
 
-from __future__ import annotations
-
 import ipaddress
 import socket
 import threading

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Serial port, opened exclusively and written without waiting."""
 
-from __future__ import annotations
-
 import os
 import re
 from contextlib import suppress

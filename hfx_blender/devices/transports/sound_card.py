@@ -7,8 +7,6 @@ samples are equal for any size of blocks. The package ``sounddevice`` contains P
 and macOS and uses the system's library on Linux.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Sequence

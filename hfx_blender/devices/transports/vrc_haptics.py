@@ -7,8 +7,6 @@ hexadecimal digits for each motor. Boards have no reliable dead-man switch: a se
 values clears only the list of received values, not the motors.
 """
 
-from __future__ import annotations
-
 import json
 import socket
 import struct

@@ -6,8 +6,6 @@ proxies of the environment are used. A thread answers pings and receives message
 room in the socket's buffer waits in a queue.
 """
 
-from __future__ import annotations
-
 import select
 import socket
 import ssl

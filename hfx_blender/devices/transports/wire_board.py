@@ -6,8 +6,6 @@ little-endian, then COBS (Cheshire and Baker, IEEE/ACM Transactions on Networkin
 zero byte.
 """
 
-from __future__ import annotations
-
 import math
 import secrets
 import struct

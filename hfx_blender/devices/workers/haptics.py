@@ -4,8 +4,6 @@
 ``docs/device-scripts.md`` is the documentation for authors of scripts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final

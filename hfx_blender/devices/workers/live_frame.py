@@ -5,8 +5,6 @@ A moment is a :class:`LiveFrame` with the objects of Blender's evaluation, encod
 runs are joined in a few arrays: the size of the JSON part does not depend on the number of effects.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from itertools import chain

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bodies of messages for devices: float64 values, or JSON with arrays."""
 
-from __future__ import annotations
-
 import math
 import struct
 from typing import Any, Final

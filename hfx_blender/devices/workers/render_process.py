@@ -6,8 +6,6 @@ are passed on with the answered requests, so that late answers can be discarded.
 killed after a missed time limit or invalid data; all devices then have a fault.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Mapping
 from typing import Final

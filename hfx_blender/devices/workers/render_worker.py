@@ -5,8 +5,6 @@ Receives one scene or moment at a time and sends READY after all answers. The fa
 is sent as FAULT and does not affect the rest.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import dataclass
 from pathlib import Path

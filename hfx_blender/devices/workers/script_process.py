@@ -6,8 +6,6 @@ repeats the number of the question. A missed time limit, an exit and invalid dat
 three faults in a minute the script is not started again.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import deque

@@ -6,8 +6,6 @@ bytes are run; the check is here, as all scripts run here. The process isolates 
 sandbox.
 """
 
-from __future__ import annotations
-
 import builtins
 import os
 import time

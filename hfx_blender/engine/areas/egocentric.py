@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Egocentric areas: samples of effects on the body itself."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ Mango's tactile animation object (Schneider et al., UIST 2015): position, radius
 position 0..1 on a path. Points are in the rest space of the canonical body, equal for all avatars.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Final
 

@@ -5,8 +5,6 @@ Every function returns a new array. A step from a vertex to its neighbour is one
 threshold.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Final, Literal
 

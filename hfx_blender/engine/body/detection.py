@@ -5,8 +5,6 @@
 value of another part. No threshold of wind is listed.
 """
 
-from __future__ import annotations
-
 import csv
 from functools import cache
 from pathlib import Path

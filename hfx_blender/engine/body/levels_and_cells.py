@@ -6,8 +6,6 @@ the temperature model: thresholds of temperature (150 mm) exceed the girth of li
 geodesic patches, sampled by the vertices of the pressure model.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path

@@ -5,8 +5,6 @@ Coordinates are in *rest space*: the space of the canonical armature in its rest
 Z up, body facing -Y, left side at +X, soles at Z = 0.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import zipfile

@@ -6,8 +6,6 @@ precedence over the user's sets, the folders in
 :func:`~hfx_blender.files.resources.user_body_models`.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from contextlib import suppress

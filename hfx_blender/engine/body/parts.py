@@ -4,8 +4,6 @@
 The eleven parts are the parts of HFX Studio (Danieau et al., VRST 2018, Table 1).
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

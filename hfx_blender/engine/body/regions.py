@@ -5,8 +5,6 @@ A region follows from a vertex's body part, the bone of largest weight, and the 
 normal: front or back of trunk and legs, inner (palm) or outer side of a forearm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Final

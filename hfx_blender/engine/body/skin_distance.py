@@ -6,8 +6,6 @@ laid into the triangle's plane at the known distances from both corners (Novotni
 after Kimmel and Sethian 1998). Exact on flat patches.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any, Final
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Paths on the skin: shortest paths, smooth curves and traced lines."""
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any, Final
 

@@ -5,8 +5,6 @@ Blender's conventions: column vectors, quaternions (w, x, y, z), radians; Euler 
 rotates about X first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -5,8 +5,6 @@ Curves with keys at the same frames (baked channels) are sampled together. Value
 before the first and after the last key.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property

@@ -8,8 +8,6 @@ placing matrix A, a plane's normal w becomes ``A^-T w``, so the world distance i
 |A^-T w|`` with H and x in shape space.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -6,8 +6,6 @@ samples count at the later sample: the largest fraction that was inside at one m
 without contact at the earlier sample.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final

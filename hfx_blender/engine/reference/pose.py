@@ -7,8 +7,6 @@ after a symmetric stretch (polar decomposition; Shoemake and Duff, "Matrix anima
 decomposition", 1992).
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

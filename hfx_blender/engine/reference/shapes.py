@@ -5,8 +5,6 @@ All shapes have unit size in shape space; the placing matrix holds position, siz
 shear. The boundary is inside.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -7,8 +7,6 @@ complex scenes", 1986). A mesh is entered and left at the triangles; between the
 moment inside, a point counts as inside.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..arrays import F64, Bool

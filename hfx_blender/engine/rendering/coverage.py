@@ -5,8 +5,6 @@ Danieau et al., VRST 2018, section 3.3: data and devices refer to vertices of th
 model; shared vertices are rendered.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 

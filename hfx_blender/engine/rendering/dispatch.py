@@ -5,8 +5,6 @@ Danieau et al., VRST 2018, section 3.3: haptic data goes to a device with the mo
 shared vertices.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

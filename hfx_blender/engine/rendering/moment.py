@@ -5,8 +5,6 @@ A moment is a track with a single row. Update intervals are not held, and latenc
 compensated: the caller passes later samples to :meth:`MomentRenderer.ahead`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction

@@ -6,8 +6,6 @@ x to the right and y up, ``x_axis`` times ``y_axis`` points away from the body, 
 positive radius has its axis on the body's side.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

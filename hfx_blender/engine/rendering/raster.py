@@ -4,8 +4,6 @@
 After the raster of Mango (Schneider et al., UIST 2015): actuators x time, and a row of times.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction

@@ -5,8 +5,6 @@ Steps: match vertices, combine effects of a modality, substitute, advance by eac
 latency, run the device's script, hold between updates, limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final

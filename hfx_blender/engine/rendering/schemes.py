@@ -5,8 +5,6 @@ Panning schemes treat each touched vertex as a phantom sensation; an actuator ta
 several, as with coverage.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Contact responses of all volumes of a scene: from contacts to samples."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 

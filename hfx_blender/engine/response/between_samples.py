@@ -8,8 +8,6 @@ change while an impact is loud, and where a volume may have touched and turned b
 interval is computed from F-curves where available, else estimated (:mod:`.motion_estimate`).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final
 

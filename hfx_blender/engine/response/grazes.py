@@ -5,8 +5,6 @@ Candidates are near skin at both ends with a bent path: first by boxes, then by 
 enlarged volume.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final

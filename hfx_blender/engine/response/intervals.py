@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sample intervals: motion within, and contacts at steps of the intervals."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Final
 

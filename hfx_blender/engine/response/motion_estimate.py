@@ -6,8 +6,6 @@ other side's sample, motion is smooth. If neither does, motion turns at the mome
 extrapolations are nearest: a bouncing ball.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

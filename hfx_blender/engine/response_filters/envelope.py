@@ -7,8 +7,6 @@ stiffness. A second filter smooths the attack. The closed form is independent of
 and of how time is split, and has a known end.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

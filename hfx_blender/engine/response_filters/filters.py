@@ -5,8 +5,6 @@ Values are in 0..1: one for the whole touch, or one for each vertex of filters i
 always multiply weights.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..arrays import F64

@@ -5,8 +5,6 @@ A *segment* has one affine transform in the pose of the canonical body. A *regio
 for nearest skin: a finger cannot take a neighbour's skin.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Final
 

@@ -6,8 +6,6 @@ the smallest rotation towards the target's next joint (independent rotations wou
 limbs), scaled along to the target's length and across to the target's girth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Final
 

@@ -7,8 +7,6 @@ avatar's meshes, those with a used layer nearest to the posed canonical body sho
 teeth, covered skin, hair above a head and swords do not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Sequence
 from dataclasses import replace
 from typing import Final, Literal

@@ -6,8 +6,6 @@ lets a model slide. :class:`Limbs` measures the slide of the skin around each jo
 posed position, and undoes the slide.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final

@@ -6,8 +6,6 @@ to bones outside of the body, or to one hand, finger or forearm. Clothes, hair, 
 of a region (a hand as separate mesh) are not props.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

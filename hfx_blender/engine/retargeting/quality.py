@@ -6,8 +6,6 @@ above thick soles, and the torso of half a body. Factors were chosen on avatars 
 (``tests/engine/retargeting/strangers.py``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final

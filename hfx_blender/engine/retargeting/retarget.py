@@ -6,8 +6,6 @@ The canonical avatar is posed to the target's rest pose and pulled onto the targ
 the target's triangles (:func:`fit`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final

@@ -8,8 +8,6 @@ displacements of the canonical avatar's vertices (principal components over many
 skin, and determine the displacements *along* the skin as well.
 """
 
-from __future__ import annotations
-
 import json
 import zipfile
 from collections.abc import Generator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rotations and affine transforms of limbs; extents and tips of their skin."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..arrays import F64

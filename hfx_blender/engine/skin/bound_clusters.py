@@ -6,8 +6,6 @@ Bindings of ``skin_binding.c`` and ``cell_groups.c``.
 A *place* is a vertex of a cluster's outline, a *pair* a cluster with a bone.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -6,8 +6,6 @@ to the spacing of each vertex. Cells are sampled in their triangles; cells of th
 on limbs, too coarse to follow the skin, in the triangles of a finer model.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cached_property

@@ -6,8 +6,6 @@ Results are in a *target* space (a volume's shape space, or world), given by mat
 space. All positions are float64, because float32 is too coarse far from the origin.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from functools import lru_cache

@@ -7,8 +7,6 @@ are blended from the patches nearest along the skin (modified Shepard weights, F
 1980).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final
 

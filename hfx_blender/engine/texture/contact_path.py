@@ -7,8 +7,6 @@ deforming) mesh, and ends at the present place. An object that carries a resting
 no path.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from typing import Final
 

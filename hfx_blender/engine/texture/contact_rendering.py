@@ -5,8 +5,6 @@ The three methods are the same as for strokes. Micro-collisions need only the pa
 before; the rest need a window of heights, stored for each contact.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Final

@@ -5,8 +5,6 @@ Surface coordinates are metres. The texel of row ``j`` and column ``i`` has its 
 ``((i + 1/2) * texel_x, (j + 1/2) * texel_y)``; row 0 is at the bottom, as in Blender's images.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, Literal

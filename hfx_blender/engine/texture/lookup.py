@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Micro-collisions: exact lists of the texels of a haptic map on the path of a finger."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

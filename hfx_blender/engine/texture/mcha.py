@@ -5,8 +5,6 @@ Intensity: Gaussian blur, Sobel gradient magnitude, full strength at a slope com
 materials. Sharpness: 1 minus roughness.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Final
 

@@ -4,8 +4,6 @@
 Each is a square that tiles without a seam and depends on the seed only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scans of real surfaces as height fields: scattered points, and pictures with holes."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

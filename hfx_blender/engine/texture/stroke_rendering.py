@@ -4,8 +4,6 @@
 Direct synthesis, for wide-band actuators, plays the heights under the finger as a waveform.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 from weakref import WeakKeyDictionary

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Names and defaults of the surface library, importable without numpy."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Final

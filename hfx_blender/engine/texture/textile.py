@@ -5,8 +5,6 @@ Heights along the finger's path, at an even rate, are Fourier-transformed over a
 weighted by the sensitivity of the skin's receptors, and summed to a drive level.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Final
 

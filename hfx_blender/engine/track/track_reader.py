@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Reading of HapticTracks from any time, with checks of all content."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 import zipfile

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Writing of HapticTracks during evaluation, in bounded memory."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import tempfile

@@ -14,8 +14,6 @@ occur:
 The result is therefore exact for a point within rounding of the given one.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

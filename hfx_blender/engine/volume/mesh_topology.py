@@ -9,8 +9,6 @@ distance. The distances between both surfaces are therefore measured, and result
 are discarded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final
 

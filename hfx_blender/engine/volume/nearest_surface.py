@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Nearest boundary points of volumes: places and normals from inside, distances from outside."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

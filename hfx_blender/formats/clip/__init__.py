@@ -4,8 +4,6 @@
 ``docs/formats/clip.md`` specifies the format; ``players/`` has readers for games.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 DETAIL: Final = 1  # default level of detail of bodies: 10 to 20 mm on the torso, as in the paper

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Baked part of a clip: the output of each actuator, stored at its changing rows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Writer of clips."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ...engine.track.header import TrackHeader

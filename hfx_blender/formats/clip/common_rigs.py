@@ -4,8 +4,6 @@
 VRM 1.0 (Unity and Godot capitalize its names), Mixamo and Unreal's mannequin.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Container of a clip: types of its records, and writing, as in ``docs/formats/clip.md``."""
 
-from __future__ import annotations
-
 import csv
 import struct
 import zlib

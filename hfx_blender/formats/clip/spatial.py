@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Spatial part of a clip: bodies, volumes and painted areas for avatars in a game."""
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

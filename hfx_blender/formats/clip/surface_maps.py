@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Haptic surfaces of a clip: sections SURF, HMAP and TEXL."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, Final
 

@@ -5,8 +5,6 @@ Source: developer.apple.com, "Representing haptic patterns in AHAP files". Inten
 full scale; sharpness 0 to 1 spans the device's frequency range.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rules of Apple AHAP files."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any, Final
 

@@ -5,8 +5,6 @@ Source: meta-haptics-sdk, ``resources/haptic-file-spec.md`` 1.0. A file has no p
 each actuator gets a file.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path

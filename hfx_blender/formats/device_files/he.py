@@ -6,8 +6,6 @@ guidelines, files of RichTap Creator Pro. Times are whole milliseconds, frequenc
 device's range. A curve has at most 16 points, so a signal becomes many events.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

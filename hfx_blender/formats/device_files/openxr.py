@@ -7,8 +7,6 @@ Member names and units (nanoseconds from the start of the frame, values 0 to 1) 
 extension.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path

@@ -5,8 +5,6 @@ Source: haptic-library ``src/ProjectModel.cpp`` (the player's own parser). Stren
 between switches; there is no frequency.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Places of bHaptics' motors, and their assignment to a device's actuators."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

@@ -4,8 +4,6 @@
 Curves are interpolated between keyframes as in the standard's reference software.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from operator import itemgetter

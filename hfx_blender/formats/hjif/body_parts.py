@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """HJIF body part masks of vertices and of actuator places."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -4,8 +4,6 @@
 Documents of other tools, and of drafts before the standard, are converted to the standard's form.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Any, Final

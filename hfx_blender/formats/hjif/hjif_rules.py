@@ -4,8 +4,6 @@
 Rules across several members are in :mod:`.semantics`.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, Final
 

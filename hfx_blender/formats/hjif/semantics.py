@@ -4,8 +4,6 @@
 Source: the standard's conformance configuration (MPEGGroup, HapticReferenceSoftware).
 """
 
-from __future__ import annotations
-
 import math
 import re
 from datetime import datetime

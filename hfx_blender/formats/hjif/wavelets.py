@@ -8,8 +8,6 @@ Filters: A. Cohen, I. Daubechies, J.-C. Feauveau, "Biorthogonal bases of compact
 wavelets", 1992 (9/7, as in JPEG 2000), with gain sqrt(2).
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final

@@ -5,8 +5,6 @@ Blender's writer would apply colour management to 16 bits, and image data needs 
 of haptic maps have to be exact in any process.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Iterator

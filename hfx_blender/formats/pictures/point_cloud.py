@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Point clouds of scanners: PLY (text or binary) and XYZ (a point per line)."""
 
-from __future__ import annotations
-
 import codecs
 import io
 import warnings

@@ -5,8 +5,6 @@ Both layers are linear, 0 to full code: intensity is a share of the amplitude ra
 the frequency range. The JSON file names the layers in the same folder.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Final, Literal
 

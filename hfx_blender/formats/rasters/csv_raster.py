@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Raster as a CSV table: a row per time, a column per parameter of an actuator."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 

@@ -4,8 +4,6 @@
 ``docs/formats/index.md`` names the arrays for ``numpy.load``.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any, Final

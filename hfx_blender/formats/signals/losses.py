@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sentences about losses of vibration in file formats, with the count of affected signals."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Stroke over a surface as a file: WAV, AHAP, .he, .haptic or CSV."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 

@@ -5,8 +5,6 @@ Joints are found by name (:mod:`.assignment`), otherwise by the shape of the hie
 (:mod:`.geometry`).
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

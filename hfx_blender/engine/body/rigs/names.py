@@ -6,8 +6,6 @@ by most names of the rig. So ``hand_ik.L``, ``upperarm_correctiveRoot_l`` and ``
 not mistaken for joints.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

@@ -8,8 +8,6 @@ the CMU motion capture files, Daz Genesis, Character Creator, 3ds Max Biped, Mik
 Xsens, Maya's Advanced Skeleton, mGear and Second Life, and from anatomy.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 import unicodedata

@@ -6,8 +6,6 @@ until another contributor is clearly stronger, so that nearly equal contributors
 An actuator driven by a waveform plays the sum of all vibrations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final

@@ -6,8 +6,6 @@ integral of the frequency and never jumps. Each sample depends on the phase only
 noise, so results do not depend on block sizes. Amplitudes are peaks; no wave exceeds the amplitude.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal

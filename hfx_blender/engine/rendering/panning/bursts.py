@@ -5,8 +5,6 @@ A moving place is taken at regular onsets only, and played there for a fixed dur
 and Poupyrev, CHI 2011 (Tactile Brush), and Geldard and Sherrick, Science 1972 (saltation).
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -6,8 +6,6 @@ continuous wherever this point is: in the plane for the Delaunay triangulation o
 around a convex body.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final

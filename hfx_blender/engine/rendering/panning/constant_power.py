@@ -6,8 +6,6 @@ over any layout of loudspeakers, proposed for touch, too. A direction is a linea
 unit vectors of two or three neighbours; the coefficients, normalised to constant power, are gains.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

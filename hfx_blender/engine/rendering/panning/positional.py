@@ -5,8 +5,6 @@ Schneider et al., UIST 2015, for a tactile pad: Delaunay triangulation of the ac
 coordinates of the virtual actuator in its triangle, and a law from coordinates to gains.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

@@ -7,8 +7,6 @@ or an arm and the chest. Under every scheme, actuators on different limbs or mor
 skin apart never render one place together: over such gaps no single sensation is felt in between.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Conversion of pictures between sRGB and linear light."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

@@ -9,8 +9,6 @@ process, while Blender stays usable: the input holds the arguments of :func:`est
 heights in metres, slope and roughness.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ U-shaped (Ronneberger, Fischer and Brox 2015, "U-Net"), 280,000 weights of 8 bit
 texture train-relief`` on synthetic pictures.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
