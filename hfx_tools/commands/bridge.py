@@ -75,10 +75,16 @@ def run(options: argparse.Namespace, console: Console) -> int:
 
         device = Myo(options.address)
     try:
-        console.say(f"Connected. Values are received on UDP port {options.port}; Ctrl-C ends.")
-        passed(device, options.port, lambda: not process_end.check())
-    finally:
-        device.close()
+        try:
+            console.say(f"Connected. Values are received on UDP port {options.port}; Ctrl-C ends.")
+            passed(device, options.port, lambda: not process_end.check())
+        finally:
+            device.close()
+    except process_end.TerminatedError:
+        # The usual sentence is about files, which a bridge does not write.
+        if process_end.claims_farewell():
+            console.warn("hfx: ended; the device is silent")
+        raise
     return 0
 
 

@@ -37,6 +37,7 @@ from hfx_blender.formats.writing import write, write_signals
 from hfx_blender.formats.written import Written, part_path
 
 from ..formats import raster_rules
+from ..formats.hmpg import hmpg_files
 from ..formats.signal_raster import RATE_HZ, raster_of
 from ..formats.validation import fault_of
 from ..missing_models import refuse_missing
@@ -52,6 +53,7 @@ TARGETS: Final = tuple(
 
 _START_BYTES: Final = 1 << 16  # bytes compared with those that HFX writes first
 _READ_AGAIN: Final = 64 << 20  # bytes
+_DOCUMENTS: Final = {"hjif", "hmpg"}  # two forms of one document
 _BY_ROWS: Final = tuple(FORMATS[id].suffix for id in ("csv", "npz", "wav"))
 
 
@@ -130,7 +132,7 @@ def _of_track(
     with TrackReader(source) as track:
         if target.write_track:
             devices = (load_device(device),) if device else ()
-            if target.id == "hjif":  # it stores every sample
+            if target.id in _DOCUMENTS:  # these store every sample
                 _refuse_long(track, None)
                 refuse_missing(source, track.header)
             return target.function("write_track")(track, devices, stem, tolerance)  # type: ignore[no-any-return]
@@ -167,7 +169,9 @@ def _of_file(
     if sound is not None and not is_sound:
         raise UsageError(f"{source}: is no sound, to which the options of sounds apply")
     info = FORMATS["wav"] if is_sound else format_of(source)
-    if not info.read_raster and not info.decode and not is_sound:
+    if "hmpg" in (pair := {info.id, target.id}) and pair <= _DOCUMENTS and device is None:
+        return hmpg_files.converted(source, stem, target.suffix)
+    if not info.read_raster and not info.decode and not is_sound and info.id != "hmpg":
         raise UsageError(
             f"{source}: {info.title} cannot be converted; a track, a raster (npz, csv), vibration "
             "in envelopes and sound can"
@@ -183,6 +187,8 @@ def _of_file(
     signals, frequencies = (
         _of_sound(source, sound or SoundSettings(), config, target)
         if is_sound
+        else hmpg_files.signals_at(source)
+        if info.id == "hmpg"
         else read_signals(source)
     )
     if not signals:
@@ -221,7 +227,8 @@ def _of_sound(
         settings = replace(settings, frequencies=held)
     used = settings.frequencies
     low, high = f"{used.lowest_hz:g}", f"{used.highest_hz:g}"
-    notes += (f"the vibration has frequencies from {low} to {high} Hz; --frequencies changes them",)
+    span = f"is at {low} Hz" if low == high else f"has frequencies from {low} to {high} Hz"
+    notes += (f"the vibration {span}; --frequencies changes this",)
     signal = followed(blocks, rate_hz, source.stem, settings)
     return [replace(signal, notes=(*notes, *signal.notes))], settings.frequencies
 
@@ -269,11 +276,11 @@ def _played(
 def _lost_credits(
     credits: Credits, target: FormatInfo, held: frozenset[str], source: Path
 ) -> tuple[str, ...]:
-    """Notes on metadata of the source outside the fields ``held`` by the target, and for HJIF on a
-    creation date of another form; a description equal to the file name is no loss."""
+    """Notes on metadata of the source outside the fields ``held`` by the target, and for HJIF and
+    HMPG on a creation date of another form; a description equal to the file name is no loss."""
     if credits.description == source.name.partition(".")[0]:  # repeats the file name
         credits = replace(credits, description="")
-    if target.id == "hjif" and not is_date(credits.created):  # its dates have a fixed form
+    if target.id in _DOCUMENTS and not is_date(credits.created):  # its dates have a fixed form
         held -= {"created"}
     return credits.lost(held, target.title)
 

@@ -23,8 +23,9 @@ def add_parser(commands: Any) -> None:
         "convert",
         help="convert between formats",
         description=(
-            "Convert a track or a raster (npz, csv) to what a device plays or to hjif, a track to "
-            "jsonl, and vibration between AHAP, .haptic, .he, .tact, OpenXR and HJIF, or with "
+            "Convert a track or a raster (npz, csv) to what a device plays or to hjif and hmpg, a "
+            "track to jsonl, HJIF and HMPG to each other, and vibration between AHAP, .haptic, "
+            ".he, .tact, OpenXR, HJIF and HMPG, or with "
             "--device to the output of a device (wav, csv, npz, tact). A sound (wav, flac, ogg, "
             "mp3) becomes vibration that follows it. Content that the target format cannot hold is "
             "listed."

@@ -191,11 +191,20 @@ def _script_of(name: str) -> DeviceScript:
 
 
 def _approve(options: argparse.Namespace, console: Console) -> int:
-    """Approve a device's script; InputError for another hash than given. Shipped scripts need no
-    approval. Returns 0."""
+    """Approve a device's script; InputError for another hash than given, or a configuration with
+    faults. Shipped scripts need no approval. Returns 0."""
+    from hfx_blender.devices.configuration import find_file
     from hfx_blender.devices.live import approval
 
+    from .device_faults import faults_of
+
     script = _script_of(options.name)
+    path = find_file(options.name)
+    # A script of a device that cannot be loaded would never run.
+    faults = faults_of(path) if path is not None else []
+    if faults:
+        more = f" (and {len(faults) - 1} more; see 'hfx device check')" if faults[1:] else ""
+        raise InputError(f"{faults[0]}{more}")
     console.say(f"{script.path}")
     console.say(f"hash {script.fingerprint} (of script, configuration and interface)")
     if approval.is_shipped(script.path):

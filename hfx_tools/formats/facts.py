@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from hfx_blender.files.findings import refuse_errors
-from hfx_blender.files.strict_json import read_bytes, read_data
+from hfx_blender.files.strict_json import read_data
 from hfx_blender.formats.files import read_signals
 from hfx_blender.formats.glb import glb
-from hfx_blender.formats.hjif import hjif_reader
 from hfx_blender.formats.hjif.body_parts import described
 
 from . import clip_rules
 from .clip_reader import texts_at
+from .hmpg.hmpg_files import document_at
 from .validation import validate
 
 
@@ -29,7 +29,7 @@ def facts_of(path: Path) -> dict[str, Any]:
     info, findings = validate(path)
     errors = [finding for finding in findings if finding.severity == "error"]
     # Readers of envelopes tolerate some errors, others would fail on them.
-    if not info.decode:
+    if not info.decode and info.id != "hmpg":
         refuse_errors(errors, str(path))
     facts: dict[str, Any] = {
         "file": str(path),
@@ -62,8 +62,9 @@ def facts_of(path: Path) -> dict[str, Any]:
 
 
 def hjif_facts(path: Path) -> dict[str, Any]:
-    """Description, profile, avatars, perceptions and tolerated faults for ``hfx info``."""
-    document, notes = hjif_reader.decode(read_bytes(path), str(path))
+    """Description, profile, avatars, perceptions and tolerated faults of HJIF or HMPG for
+    ``hfx info``."""
+    document, notes = document_at(path)
     return {
         **as_fact("notes", notes),
         "description": document["description"],

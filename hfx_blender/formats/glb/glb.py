@@ -24,7 +24,6 @@ from ...files.strict_json import clean, parse
 from ..registry import FORMATS
 
 SUFFIX: Final = FORMATS["glb"].suffix
-HJIF_MEDIA_TYPE: Final = "haptics/hjif"  # media type of HJIF (ISO/IEC 23090-31)
 TO_GLTF: Final = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 """Rotation from our space to glTF's, (3, 3)."""
 
@@ -125,8 +124,9 @@ def add_extensions(document: Document, extensions: Mapping[str, Any]) -> None:
 
 
 def hjif_media(uri: str) -> dict[str, Any]:
-    """JSON of the extension MPEG_media (ISO/IEC 23090-14): one medium, the HJIF file ``uri``."""
-    alternative = {"mimeType": HJIF_MEDIA_TYPE, "uri": uri}
+    """JSON of the extension MPEG_media (ISO/IEC 23090-14): one medium, the file ``uri``.
+    Media types of HJIF and HMPG (IANA) are their suffixes."""
+    alternative = {"mimeType": f"haptics/{uri.rpartition('.')[2]}", "uri": uri}
     return {"media": [{"name": uri, "alternatives": [alternative]}]}
 
 

@@ -40,11 +40,13 @@ from hfx_tools.commands.info import facts_of_report
 from hfx_tools.commands.played_clip import PlayedClip
 from hfx_tools.commands.played_track import PlayedTrackSource
 from hfx_tools.formats import clip_rules, csv_reader, npz_reader
+from hfx_tools.formats.hmpg import hmpg_files, hmpg_reader, hmpg_writer
 
 Reader = Callable[[bytes], None]
 
 PARSERS = (
     *("ahap", "haptic", "he", "openharmony", "openxr", "tact", "hjif", "jsonl", "glb", "npz"),
+    "hmpg",
     *("csv", "wav", "track", "device", "effect", "path", "nodemap", "unitouch", "texture", "png"),
     *("report", "model", "cloud", "clip"),
 )
@@ -56,6 +58,7 @@ SUFFIXES = {
     "openxr": ".openxr.json",
     "tact": ".tact",
     "hjif": ".hjif",
+    "hmpg": ".hmpg",
     "npz": ".raster.npz",
     "csv": ".csv",
     "track": ".hfxtrack",
@@ -89,7 +92,7 @@ DEVICE = "forearm_band_left"
 SHARE = 1.0 / 64.0
 """Of what a file may ask for, in conversions: time and memory grow in step with it."""
 
-_ENVELOPES = ("ahap", "haptic", "he", "he1", "openharmony", "openxr", "hjif")
+_ENVELOPES = ("ahap", "haptic", "he", "he1", "openharmony", "openxr", "hjif", "hmpg")
 _OF_A_DEVICE = (*_ENVELOPES, "tact", "wav", "csv", "npz")
 _SHM = Path("/dev/shm")  # memory, where there is such a thing
 
@@ -116,6 +119,7 @@ def readers(name: str) -> Reader:
         "npz": lambda content: void(npz_reader.decode(content, "x")),
         "csv": lambda content: void(csv_reader.decode(content, "x")),
         "hjif": _hjif,
+        "hmpg": _hmpg,
         "device": lambda content: void(device_from(json_shapes.node_of(content, "x"))),
         "effect": lambda content: void(effect_file.from_text(content.decode("utf-8", "replace"))),
         "path": lambda content: void(path_file.recipe_of(json_shapes.node_of(content, "x"))),
@@ -152,6 +156,15 @@ def _hjif(content: bytes) -> None:
     for envelope in to_signals.envelopes(document):
         assert len(envelope.strength) > 0
     to_signals.decode(content, "x")
+
+
+def _hmpg(content: bytes) -> None:
+    """Read, write, read again: the same but for what HMPG rounds; then once more, exactly."""
+    document, _ = hmpg_reader.decode(content, "x")
+    to_signals.decode(encoded(document), "x")
+    hmpg_files.validate(content, "x")
+    once = hmpg_reader.decode(hmpg_writer.encoded(document, "x").content, "x")[0]
+    assert hmpg_reader.decode(hmpg_writer.encoded(once, "x").content, "x")[0] == once
 
 
 def _node_map(content: bytes) -> None:
@@ -288,7 +301,12 @@ def _raise(console: object) -> int:
 def _targets(source: str) -> list[tuple[str, str | None]]:
     """Target formats of a format's conversions, and the devices."""
     if source == "track":
-        return [("hjif", None), ("jsonl", None), *((item, DEVICE) for item in _OF_A_DEVICE)]
+        return [
+            ("hjif", None),
+            ("hmpg", None),
+            ("jsonl", None),
+            *((item, DEVICE) for item in _OF_A_DEVICE),
+        ]
     if source in ("npz", "csv"):
         return [(item, DEVICE) for item in _OF_A_DEVICE]
     return [(envelope, None) for envelope in _ENVELOPES] + [(item, DEVICE) for item in _OF_A_DEVICE]

@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 _SOURCES = (
-    "ahap", "haptic", "he", "openharmony", "openxr", "tact", "hjif", "npz", "csv", "track",
+    "ahap", "haptic", "he", "openharmony", "openxr", "tact", "hjif", "hmpg", "npz", "csv", "track",
 )  # fmt: skip
 _PARSERS = (
     *_SOURCES, "jsonl", "glb", "wav", "device", "effect", "path", "nodemap", "unitouch",

@@ -35,6 +35,7 @@ from hfx_blender.formats.pictures import texture_map  # noqa: E402
 from hfx_blender.formats.registry import FORMATS  # noqa: E402
 from hfx_blender.formats.signals.signals import Transient  # noqa: E402
 from hfx_tools.body_building import model_file  # noqa: E402
+from hfx_tools.formats.hmpg import hmpg_writer  # noqa: E402
 
 MOST_BYTES = 8 << 10  # limit of a file: small files are changed and read quickly
 _LONG_LIST = 2  # items kept in a list of a shortened document
@@ -50,6 +51,7 @@ def seeds(folder: Path, name: str) -> list[bytes]:
     _of_signals(actual, folder)
     _of_track(actual, folder)
     actual["hjif"].append(json.dumps(sample()).encode())
+    actual["hmpg"].append(hmpg_writer.encoded(sample(), "x").content)
     actual["glb"] += _glbs()
     actual["wav"].append(_wav())
     return _smallest(actual[kind])
@@ -231,7 +233,7 @@ def _glbs() -> list[bytes]:
     }
     text = json.dumps(elsewhere).encode()
     text += b" " * (-len(text) % 4)
-    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text), len(text), glb.JSON_CHUNK)
+    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(text), len(text), glb._JSON_CHUNK)
     return [scene.encoded(), small.encoded(), head + text]
 
 
