@@ -152,6 +152,8 @@ def test_kicks_that_ring_for_long_are_found(rate: int, hertz: float, decay_s: fl
         (140.0, 0.03, 0.08),
         (200.0, 0.03, 0.08),
         (500.0, 0.03, 0.08),
+        (500.0, 0.015, 0.06),
+        (200.0, 0.02, 0.06),
     ),
 )
 def test_regular_fast_beats_are_found(
@@ -162,6 +164,15 @@ def test_regular_fast_beats_are_found(
         [t.time_s for t in follow(hits(rate, starts, hertz, decay_s), rate).transients]
     )
     assert len(found) == len(starts) and np.abs(found - starts).max() <= 0.01
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize(("hertz", "decay_s"), ((200.0, 0.03), (1000.0, 0.2)))
+def test_pulses_begin_with_the_notes(rate: int, hertz: float, decay_s: float) -> None:
+    starts = np.cumsum(np.random.default_rng(1).uniform(0.25, 0.5, 8))
+    ticks = follow(hits(rate, starts, hertz, decay_s), rate).transients
+    early = np.array([tick.time_s for tick in ticks]) - starts
+    assert abs(np.median(early)) <= 0.0012 and np.abs(early).max() <= 0.0025
 
 
 @pytest.mark.parametrize("rate", RATES)

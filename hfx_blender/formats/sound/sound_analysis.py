@@ -41,7 +41,7 @@ _RARE: Final = 4.0  # multiple of the usual rises of a band that an onset exceed
 _RARE_BEAT: Final = 3.0  # the same, of a lower percentile, where the whole sound rises
 _APART: Final = 25  # frames between two onsets, at least
 _PERIOD: Final = 30  # frames: pulses closer than this are a tone
-_FAST_PERIOD: Final = 22  # the same, where the whole sound beats fast
+_FAST_PERIOD: Final = 18  # the same, where the whole sound beats fast
 _DENSE: Final = 0.07  # share of frames in beats from which on they are fast
 _LAG: Final = 4  # frames of the rise of an onset, at least
 _CUT: Final = 15  # frames before the end of a sound that its end disturbs
@@ -130,7 +130,7 @@ def followed(
     ends = max(duration_s, times[-1])
     transients = tuple(
         Transient(
-            float(times[frame]),
+            (frame + 1) / FRAME_HZ,
             min(settings.strength * peak / loudest, 1.0),
             float(hertz[min(frame + 5, len(hertz) - 1)]),
         )
@@ -286,11 +286,11 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     is_struck = later <= 0.1 * total[begin : begin + _APART].max()
     is_struck |= _decays(total[begin + _APART : stop])
     for peak in frames[frames >= begin - _LAG].tolist():
-        # The envelope of a band rises symmetrically about the onset: steepest there.
+        # The root of smoothed power rises steepest 1.5 frames early: the next frame's end counts.
         first = max(peak - 10, 0)
         rising = amplitude[first : peak + 10, excess[peak] > 0.0]
         rising = (rising / rising.max(0)).sum(1)
-        frame = max(first + int(np.gradient(rising).argmax()), begin)
+        frame = max(first + int(np.gradient(rising).argmax()) + 1, begin)
         if abs(frame - begin) <= 3 * _LAG and not is_struck:
             continue
         yield frame, float(np.sqrt(total[frame : frame + _APART // 2].max()))
