@@ -21,11 +21,12 @@ from hfx_blender.files.findings import Finding
 from hfx_blender.files.strict_json import encoded as as_json
 from hfx_blender.files.strict_json import read_bytes
 from hfx_blender.formats.glb import glb
-from hfx_blender.formats.hjif import from_actuators, from_track, hjif_reader, hjif_rules, to_signals
+from hfx_blender.formats.hjif import from_track, hjif_reader, hjif_rules, to_signals
 from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals.signals import FrequencyRange, Signal
 from hfx_blender.formats.written import Written, write_json
 
+from .. import hjif_from_actuators
 from .hmpg_reader import decode, document_of
 from .hmpg_writer import encoded
 
@@ -84,19 +85,19 @@ def write_track(
 
 
 def write_raster(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
-    """Write ``stem.hmpg`` of a device's output; raises as :func:`from_actuators.write`."""
+    """Write ``stem.hmpg`` of a device's output; raises as :func:`hjif_from_actuators.write`."""
     with TemporaryDirectory(prefix="hfx-") as folder:
-        written = from_actuators.write(raster, device, Path(folder) / stem.name, tolerance)
+        written = hjif_from_actuators.write(raster, device, Path(folder) / stem.name, tolerance)
         return _through(written, stem)
 
 
 def write_signals(
     signals: Sequence[Signal], frequencies: FrequencyRange, stem: Path, tolerance: float
 ) -> Written:
-    """Write ``stem.hmpg`` of vibration; raises as :func:`from_actuators.write_signals`."""
+    """Write ``stem.hmpg`` of vibration; raises as :func:`hjif_from_actuators.write_signals`."""
     with TemporaryDirectory(prefix="hfx-") as folder:
         inner = Path(folder) / stem.name
-        written = from_actuators.write_signals(signals, frequencies, inner, tolerance)
+        written = hjif_from_actuators.write_signals(signals, frequencies, inner, tolerance)
         return _through(written, stem)
 
 
