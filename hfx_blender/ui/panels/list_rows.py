@@ -258,7 +258,7 @@ class HFX_UL_effects(bpy.types.UIList):
             title.prop(row, "title", text="", emboss=False)
             line.label(text=f"{len(row_effects)}")
         line = line.row(align=True)
-        line.alignment = "RIGHT"  # as narrow as the icons: the name has the rest
+        line.alignment, line.scale_x = "RIGHT", 0.9  # most of the width is for the name
         for name, on, off in (
             ("is_selected", "LAYER_ACTIVE", "LAYER_USED"),
             ("is_solo", "SOLO_ON", "SOLO_OFF"),
