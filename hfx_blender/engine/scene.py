@@ -284,6 +284,13 @@ class PoseBlock:
     bones_at: Motion | None = None  # (n,) -> (n, B, 3, 4); None: known at samples only
     keys: F64 | None = None  # (k,) ascending sample indices at which its motion may turn
 
+    @cached_property
+    def is_repeated(self) -> Bool:
+        """Mask (T,) of times with the pose of the time before."""
+        known = [v for v in (self.to_world, self.bones, self.surface) if v is not None]
+        equal = [(v[1:] == v[:-1]).all(axis=tuple(range(1, v.ndim))) for v in known]
+        return np.concatenate([[False], np.all(equal, axis=0)])
+
 
 @dataclass(frozen=True, eq=False)
 class AnimationBlock:

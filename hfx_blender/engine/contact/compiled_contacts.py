@@ -45,8 +45,8 @@ def placed(query: ContactQuery) -> PlacedTarget:
 
 
 def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
-    """Begin the contacts of a body with a volume that is usable at all rows; counts tests. Returns
-    a function that waits for and returns the contacts, as :func:`.contacts.begin`."""
+    """Begin the contacts of a body with a volume that is usable at all rows. Returns a
+    function that waits for and returns the contacts, as :func:`.contacts.begin`."""
     falloff, pose, skin = query.falloff, query.pose, query.skin
     counters, bounds, rows = query.counters, query.bounds, query.rows
     tolerance, table = skin.skin.tolerance, skin.skin.table
@@ -55,9 +55,6 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
         *(target, bound.outline if bound else None, bounds.rows, bounds.boxes, query.follows),
         *(query.reported, skin.skin.edge_m, skin.skin.is_split, query.with_impact),
     )
-    tests = int(np.count_nonzero(query.reported))
-    counters.volume_tests += tests
-    counters.clusters_tested += tests * bounds.low.shape[1]
     met = broad.overlaps()
     if not broad.near_count:
         return _nothing

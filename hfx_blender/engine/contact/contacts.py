@@ -44,9 +44,46 @@ def begin(query: ContactQuery) -> Callable[[], Contacts]:
         if not target.is_usable.all():
             query = _usable(query, target.is_usable)
             target = compiled_contacts.placed(query)
-        return compiled_contacts.begin(query, target)
+        tests = int(np.count_nonzero(query.reported))
+        query.counters.volume_tests += tests
+        query.counters.clusters_tested += tests * query.bounds.low.shape[1]
+        is_new = ~_copies(query)
+        if is_new.all():
+            return compiled_contacts.begin(query, target)
+        distinct = _at(query, is_new)
+        finish = compiled_contacts.begin(distinct, compiled_contacts.placed(distinct))
+        sources = distinct.rows[np.cumsum(is_new) - 1]
+        return lambda: _repeated(finish(), query.rows, sources)
     contacts = _by_definition(query)
     return lambda: contacts
+
+
+def _copies(query: ContactQuery) -> Bool:
+    """Mask (n,) of rows with the contacts of the row before, as body and volume stand still since
+    two samples; none with contact details or separate sets."""
+    rows, effect = query.rows, query.effect
+    if query.asks_details or query.own_sets or not query.follows.any():
+        return np.zeros(len(rows), np.bool_)
+    is_copy = query.follows & query.pose.is_repeated[rows]
+    for values in (effect.matrices, effect.shape_index):
+        if values is not None:
+            is_copy &= (values[rows] == values[rows - 1]).reshape(len(rows), -1).all(axis=1)
+    # Skin may be passed up to the first of two equal samples; the second is the first copy.
+    is_copy[1:] &= is_copy[:-1] & (query.reported[1:] == query.reported[:-1])
+    return is_copy
+
+
+def _repeated(hits: Contacts, rows: I64, sources: I64) -> Contacts:
+    """Contacts at ``rows`` (n,), each with those of the row in ``sources`` (n,), from ``hits``."""
+    is_touched = np.isin(sources, hits.rows)
+    sets = hits.sets[np.searchsorted(hits.rows, sources[is_touched])]
+    return replace(hits, rows=rows[is_touched], sets=sets)
+
+
+def _at(query: ContactQuery, mask: Bool) -> ContactQuery:
+    """Query restricted to the rows of a mask (n,)."""
+    at = query.rows[mask], query.follows[mask], query.reported[mask]
+    return replace(query, rows=at[0], follows=at[1], reported=at[2])
 
 
 def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
@@ -61,8 +98,7 @@ def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
     follows = query.follows.copy()
     # A contact in between needs a placement at both ends of the interval.
     follows[1:] &= usable[:-1]
-    at = query.rows[usable], follows[usable], query.reported[usable]
-    return replace(query, rows=at[0], follows=at[1], reported=at[2])
+    return _at(replace(query, follows=follows), usable)
 
 
 def _by_definition(query: ContactQuery) -> Contacts:
