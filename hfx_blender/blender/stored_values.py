@@ -19,6 +19,8 @@ from . import compat
 
 _NUMBERS = {"BOOLEAN": (bool, int), "INT": (int,), "FLOAT": (float,), "ENUM": (int,)}
 _ARRAYS = {"BOOLEAN": "bi", "INT": "i", "FLOAT": "fd"}  # types of elements
+_MOST_FAULTS = 1024
+_FAULTS: dict[tuple[type, str], list[BadValue]] = {}  # by type of owner and text of its values
 _ENDLESS = 3e38
 """Bound of a float property without limits."""
 _HARD_LIMITS: dict[tuple[str, str], tuple[float, float]] = {}  # by type of group and property
@@ -50,9 +52,18 @@ def bad_values(owner: bpy.types.ID) -> list[BadValue]:
         return []
     if not hasattr(stored, "keys"):
         return [BadValue("", _described(stored), "a group of properties", "nothing")]
-    # Of about 50 properties few are stored, so these are looked up, and sorted only if bad.
-    order = owner.hfx.bl_rna.properties.find
-    return sorted(_bad_of(owner.hfx, stored, ""), key=lambda bad: order(bad.top))
+    # Objects of a scene share most settings, and equal values have equal faults. Ids differ, and
+    # each text is allowed; the text of an empty array hides the type of its elements.
+    values = stored.to_dict().items()
+    settings = repr([(k, v) for k, v in values if k != "uid" or not isinstance(v, str)])
+    if "[]" in settings or (type(owner), settings) not in _FAULTS:
+        if len(_FAULTS) >= _MOST_FAULTS:
+            _FAULTS.clear()
+        # Of about 50 properties few are stored, so these are looked up, and sorted only if bad.
+        order = owner.hfx.bl_rna.properties.find
+        bad = sorted(_bad_of(owner.hfx, stored, ""), key=lambda bad: order(bad.top))
+        _FAULTS[type(owner), settings] = bad
+    return [*_FAULTS[type(owner), settings]]
 
 
 def stored_at(owner: bpy.types.ID, *names: str) -> Any:
