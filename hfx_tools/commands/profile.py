@@ -41,7 +41,6 @@ def _make(options: argparse.Namespace, console: Console) -> int:
     from hfx_blender.devices.configurations.device_shape import ID
     from hfx_blender.devices.live.client import LiveClient
     from hfx_blender.files import resources
-    from hfx_blender.files.atomic import amend_json
 
     from ..persons.keys import terminal_keys
     from ..persons.walk import Walk
@@ -63,17 +62,7 @@ def _make(options: argparse.Namespace, console: Console) -> int:
         if failed:
             texts = " ".join(map(fault_of, failed))
             raise fault_of_log(options.path, client) or DeviceError(texts)
-    path = resources.profiles() / f"{options.name}.json"
-
-    def document() -> dict[str, Any]:
-        known = person_profile.load(options.name) if path.exists() else {}
-        return {
-            "schema": person_profile.SCHEMA,
-            "devices": {**known, device.id: walk.all_marks()},
-        }
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    amend_json(path, document)
+    path = person_profile.store(options.name, device.id, walk.all_marks())
     console.say(f"{path}: {len(walk.marks)} actuators of '{device.id}' measured")
     console.result({"file": str(path), "device": device.id, "marks": walk.all_marks()})
     return 0

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Profiles of persons: strengths that a person felt on a device, stored in the user's data folder.
 
-``hfx profile make`` writes a profile. A profile narrows limits, never widens one.
+*Set Up Person* and ``hfx profile make`` write one. A profile narrows limits, never widens one.
 """
 
+import re
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 from ...engine.rendering.device_config import DeviceConfig
 from ...errors import InputError
 from ...files import resources
+from ...files.atomic import amend_json
 from ...files.json_shapes import Number, Table, Text, read, strict
 from .device_shape import ID
 
@@ -40,6 +44,22 @@ def load(name: str) -> dict[str, Any]:
                 node = document["devices"][device][actuator]
                 node.fail("first_felt up to strong_enough up to too_strong")
     return dict(document.value["devices"])
+
+
+def store(name: str, device_id: str, marks: Mapping[str, Mapping[str, float]]) -> Path:
+    """Write the marks of a device's actuators to a profile, whose other devices stay; returns the
+    file. InputError for an invalid name or file, OutputError for an unwritable file."""
+    if not re.fullmatch(ID.pattern, name):
+        raise InputError(f"Profile '{name[:100]}': expected {ID.note}.")
+    path = resources.profiles() / f"{name}.json"
+
+    def document() -> dict[str, Any]:
+        known = load(name) if path.exists() else {}
+        return {"schema": SCHEMA, "devices": {**known, device_id: marks}}
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    amend_json(path, document)
+    return path
 
 
 def personal(device: DeviceConfig, name: str) -> DeviceConfig:

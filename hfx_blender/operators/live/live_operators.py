@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +12,9 @@ import bpy
 from bpy.props import FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
+from ...devices.configurations import person_profile
 from ...devices.live import live_settings
+from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...files import resources
 from ...playback.live.live import live
@@ -20,6 +23,10 @@ from .connect_operators import LiveOperator, OfDevice, settings_of, title_of
 
 if TYPE_CHECKING:
     from ...devices.live.approval import DeviceScript
+    from ...engine.rendering.device_config import DeviceConfig
+
+MARKS = ("first_felt", "strong_enough", "too_strong")
+"""Questions of a profile, in rising order."""
 
 
 class HFX_OT_live_import(HfxOperator, ImportHelper):
@@ -107,6 +114,76 @@ class HFX_OT_live_pulse(OfDevice):
             )
         live.pulse(self.name, self.actuator)
         return ""
+
+
+def _percent(name: str, default: float) -> object:
+    return FloatProperty(name=name, subtype="PERCENTAGE", default=default, min=0.0, max=100.0)
+
+
+class HFX_OT_live_person(OfDevice):
+    """Store the strengths that a person first feels, finds strong enough and too strong on this
+    device, as a profile. The device plays each strength when you change it"""
+
+    bl_label = "Set Up Person"
+
+    person: StringProperty(name="Profile", default="me")
+    first_felt: _percent("First Felt", 5.0)  # type: ignore[valid-type]
+    strong_enough: _percent("Strong Enough", 50.0)  # type: ignore[valid-type]
+    too_strong: _percent("Too Strong", 100.0)  # type: ignore[valid-type]
+
+    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self._shown = self._marks(self._device())
+        return context.window_manager.invoke_props_dialog(self)
+
+    def check(self, _context: bpy.types.Context) -> bool:
+        shown, self._shown = self._shown, self._marks(self._device())
+        for mark in MARKS:
+            strengths = {id: marks[mark] for id, marks in self._shown.items()}
+            if strengths != {id: marks[mark] for id, marks in shown.items()}:
+                self._play(strengths)
+        return True
+
+    def work(self, _context: bpy.types.Context) -> str:
+        device = self._device()
+        if not self.first_felt <= self.strong_enough <= self.too_strong:
+            raise InputError("The strengths must not fall from First Felt to Too Strong.")
+        person_profile.store(self.person, device.id, self._marks(device))
+        self._play({})
+        return f"Profile '{self.person}' stored: choose it under Profile when you connect"
+
+    def _device(self) -> DeviceConfig:
+        """Configuration of the playing device. InputError if silent, or limited to a person."""
+        state, device = live.state(self.name), live.device(self.name)
+        if device is None or state is None or not state.is_armed:
+            raise InputError(
+                f"Device '{title_of(self.name)}' is not playing; connect it and press Play."
+            )
+        if settings_of(self.name).profile:
+            raise InputError(f"Connect '{title_of(self.name)}' without a profile first.")
+        return device
+
+    def _marks(self, device: DeviceConfig) -> dict[str, dict[str, float]]:
+        """Strengths of each question by actuator, the same shares of all limits; only actuators
+        that are silent at 0. InputError without any."""
+        actuators = [a for a in device.actuators if MODALITIES[a.type.modality].is_silent_at_0]
+        if not actuators:
+            raise InputError(f"Device '{title_of(self.name)}' has no strength that begins at 0.")
+        return {
+            a.id: {mark: a.type.strength.highest * getattr(self, mark) / 100.0 for mark in MARKS}
+            for a in actuators
+        }
+
+    def _play(self, strengths: dict[str, float]) -> None:
+        """Play strengths by actuator until the devices fade, and 0 at all others."""
+        assert live.client is not None
+        device = self._device()
+        values = device.neutral
+        for k, actuator in enumerate(device.actuators):
+            values[device.strength_columns[k]] = strengths.get(
+                actuator.id, values[device.strength_columns[k]]
+            )
+        live.sent_s = time.monotonic()
+        live.client.send(self.name, values)
 
 
 class HFX_OT_live_approve(OfDevice):

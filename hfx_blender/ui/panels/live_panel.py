@@ -173,6 +173,7 @@ def _draw_device(
     box.operator("hfx.live_offset", text=translated(offset), icon="TIME").name = item.name
     if device is None or not state.is_armed:
         return
+    box.operator("hfx.live_person", icon="USER").name = item.name
     # Long names would be cut off in two columns.
     is_long = any(len(actuator.id) > _LONG for actuator in device.actuators)
     grid = box.grid_flow(columns=1 if is_long else 2, align=True, even_columns=True)

@@ -21,6 +21,7 @@ import hfx_blender
 from hfx_blender.authoring import clips
 from hfx_blender.blender import compat, events
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.devices.configurations import person_profile
 from hfx_blender.devices.live import discovery, live_settings
 from hfx_blender.devices.live.discovery import FoundPort
 from hfx_blender.engine.rendering.moment import MomentRenderer
@@ -300,6 +301,33 @@ def test_a_test_pulse_is_felt_at_its_actuator(log: Path) -> None:
     until(lambda: live.is_armed)
     bpy.ops.hfx.live_pulse(name=PAD, actuator=3)
     until(lambda: any(row.get("values", [0] * 99)[6] > 0.5 for row in rows(log)))
+
+
+def test_a_person_is_set_up_on_a_playing_device(log: Path) -> None:
+    until(lambda: live.is_armed)
+    shares = {"first_felt": 10.0, "strong_enough": 40.0, "too_strong": 80.0}
+    operator = bpy.ops.hfx.live_person
+    with pytest.raises(RuntimeError, match="must not fall"):
+        operator(name=PAD, person="ada", **shares | {"too_strong": 30.0})
+    with pytest.raises(RuntimeError, match="Profile 'a b': expected"):
+        operator(name=PAD, person="a b", **shares)
+    assert operator(name=PAD, person="ada", **shares) == {"FINISHED"}
+    device = live.device(PAD)
+    assert device is not None
+    marks = person_profile.load("ada")[device.id]
+    assert marks.keys() == {actuator.id for actuator in device.actuators}
+    for actuator in device.actuators:
+        limit = actuator.type.strength.highest
+        assert marks[actuator.id] == pytest.approx(
+            {mark: limit * share / 100.0 for mark, share in shares.items()}
+        )
+    live_settings.store(PAD, live_settings.LiveSettings("CSV", profile="ada"))
+    with pytest.raises(RuntimeError, match="without a profile first"):
+        operator(name=PAD, person="ada", **shares)
+    bpy.ops.hfx.live_stop_all()
+    until(lambda: not live.is_armed)
+    with pytest.raises(RuntimeError, match="is not playing"):
+        operator(name=PAD, person="ada", **shares)
 
 
 def test_how_a_device_is_connected_is_remembered_outside_the_file(log: Path) -> None:
