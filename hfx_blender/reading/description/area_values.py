@@ -117,6 +117,15 @@ def surface_area(
     return HapticSurface(mesh_arrays.triangles(mesh), coordinates, texture, uv_m=uv_m, law=law)
 
 
+def points_inward(mesh: bpy.types.Mesh) -> bool:
+    """Test for a closed mesh whose normals point to its inside: its signed volume is negative."""
+    from ...engine.volume.mesh_topology import is_closed
+
+    triangles = mesh_arrays.triangles(mesh)
+    corners = mesh_arrays.points(mesh)[triangles]
+    return is_closed(triangles) and bool(np.linalg.det(corners - corners[0, 0]).sum() < 0.0)
+
+
 class SurfaceVertices:
     """Cache of surface vertices; the identical array is returned while nothing deforms."""
 

@@ -314,6 +314,15 @@ def describe(
     absent = ((name, why) for name, why in haptics.gone.items() if why == ABSENT)
     warnings = [*_excluded(absent), *haptics.warnings, *valid.left_out]
     warnings += filter(None, map(body_binding.warning_of, haptics.bodies))
+    for effect, description in described.items():
+        # Forces act outwards: such a surface pushes only skin that is inside.
+        if isinstance(description.area, HapticSurface) and description.area.law is not None:
+            mesh = effect.evaluated_get(haptics.layer.depsgraph).data
+            if area_values.points_inward(mesh):
+                warnings.append(
+                    f"surface '{effect.name}': its normals point inward, so it does not push skin "
+                    "out; recalculate them (Mesh > Normals > Recalculate Outside)"
+                )
     if bpy.app.autoexec_fail:
         warnings.append(
             "Blender did not run a script or a driver of this file "

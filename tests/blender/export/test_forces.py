@@ -25,6 +25,7 @@ from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.files import resources
 from hfx_blender.formats.glb import glb
 from hfx_blender.reading.live_scene import LiveScene
+from hfx_blender.reading.scene_reader import SceneReader
 from hfx_tools.formats import jsonl_rules
 
 RADIUS_M, STIFFNESS = 0.3, 500.0
@@ -191,6 +192,24 @@ def test_a_surface_pushes_skin_behind_its_faces(scene: Any, tmp_path: Path) -> N
     nodes = glb.read_json((folder / "x.scene.glb").read_bytes(), "x")["nodes"]
     (extras,) = [n["extras"] for n in nodes if "hfx_effect" in n.get("extras", {})]
     assert extras["shape"] == "surface" and extras["contact_law"]["stiffness_n_m"] == STIFFNESS
+
+
+def test_normals_that_point_inward_are_named(scene: Any) -> None:
+    """A closed surface is turned inside out; an open one has no inside."""
+    plate, _ = plate_at_a_fingertip(scene)
+    assert not any("inward" in text for text in SceneReader(scene).description.warnings)
+    bpy.ops.mesh.primitive_cube_add(size=0.04, location=plate.location)
+    cube = bpy.context.object.data
+    old, plate.data = plate.data, cube
+    assert not any("inward" in text for text in SceneReader(scene).description.warnings)
+    cube.flip_normals()
+    (warning,) = (t for t in SceneReader(scene).description.warnings if "inward" in t)
+    assert warning.startswith(f"surface '{plate.name}': its normals point inward")
+    plate.hfx.stiffness = 0.0
+    assert not any("inward" in text for text in SceneReader(scene).description.warnings)
+    old.flip_normals()
+    plate.data, plate.hfx.stiffness = old, STIFFNESS
+    assert not any("inward" in text for text in SceneReader(scene).description.warnings)
 
 
 def test_a_surface_pushes_live_and_damps(scene: Any) -> None:
