@@ -12,7 +12,6 @@ import bpy
 from bpy.props import FloatProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ...devices.configurations import person_profile
 from ...devices.live import live_settings
 from ...engine.modality import MODALITIES
 from ...errors import InputError
@@ -117,7 +116,14 @@ class HFX_OT_live_pulse(OfDevice):
 
 
 def _percent(name: str, default: float) -> object:
-    return FloatProperty(name=name, subtype="PERCENTAGE", default=default, min=0.0, max=100.0)
+    return FloatProperty(
+        name=name,
+        description="Share of the device's limits",
+        subtype="PERCENTAGE",
+        default=default,
+        min=0.0,
+        max=100.0,
+    )
 
 
 class HFX_OT_live_person(OfDevice):
@@ -126,7 +132,7 @@ class HFX_OT_live_person(OfDevice):
 
     bl_label = "Set Up Person"
 
-    person: StringProperty(name="Profile", default="me")
+    person: StringProperty(name="Profile", description="Name of the profile", default="me")
     first_felt: _percent("First Felt", 5.0)  # type: ignore[valid-type]
     strong_enough: _percent("Strong Enough", 50.0)  # type: ignore[valid-type]
     too_strong: _percent("Too Strong", 100.0)  # type: ignore[valid-type]
@@ -144,6 +150,8 @@ class HFX_OT_live_person(OfDevice):
         return True
 
     def work(self, _context: bpy.types.Context) -> str:
+        from ...devices.configurations import person_profile
+
         device = self._device()
         if not self.first_felt <= self.strong_enough <= self.too_strong:
             raise InputError("The strengths must not fall from First Felt to Too Strong.")

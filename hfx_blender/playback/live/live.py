@@ -327,6 +327,9 @@ class Live:
         is_playing = live_handlers.is_playing()
         # Called also while nothing plays: the direction is inferred from every frame.
         later = self._playback.frames_after(scene, self.latencies_ms, is_playing=is_playing)
+        if source is self.tracks and self.tracks.is_outside(scene, later):
+            self.fade()  # there is no moment of the track that a script could be called with
+            return
         begun = time.monotonic()
         try:
             frame = source.frame(scene, self._gains(scene), later)

@@ -169,6 +169,13 @@ class TrackSource:
         now_s = track.time_s(scene.frame_current_final, fps)
         return track.frame(now_s, later_s=times_s, gains=gains)
 
+    def is_outside(self, scene: bpy.types.Scene, later: Mapping[float, float]) -> bool:
+        """Test that the current and all ``later`` frames are before or after the open track."""
+        assert self.track is not None
+        track, fps = self.track, fps_of(scene)
+        frames = (scene.frame_current_final, *later.values())
+        return not any(track.start_s <= track.time_s(f, fps) < track.end_s for f in frames)
+
     def summary(self, scene: bpy.types.Scene) -> str:
         """Sentence about the open track for the panel; empty if none is open."""
         track = self.track
