@@ -74,8 +74,10 @@ class Suite(NamedTuple):
 
     @property
     def is_good(self) -> bool:
-        """Test for passed and skipped tests only, with one passed test at least."""
-        return self.counts.get("passed", 0) > 0 and self.counts.keys() <= {"passed", "skipped"}
+        """Test for passed and skipped tests only, with one passed test at least. pytest counts
+        Python's warnings beside the outcomes of tests."""
+        known = {"passed", "skipped", "warning", "warnings"}
+        return self.counts.get("passed", 0) > 0 and self.counts.keys() <= known
 
     def __str__(self) -> str:
         return ", ".join(f"{n:,} {outcome}" for outcome, n in self.counts.items()) or "no test"

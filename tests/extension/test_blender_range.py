@@ -29,6 +29,7 @@ def test_counts_and_reasons_are_read_from_the_output() -> None:
     assert suite == Suite({"failed": 1, "passed": 1234, "skipped": 5}, {"no sound: none": 5})
     assert str(suite) == "1 failed, 1,234 passed, 5 skipped" and not suite.is_good
     assert blender_range.suite_of("2 passed in 0.1s\n").is_good
+    assert blender_range.suite_of("2 passed, 1 skipped, 3 warnings in 0.1s\n").is_good
 
 
 @pytest.mark.parametrize(
@@ -38,6 +39,7 @@ def test_counts_and_reasons_are_read_from_the_output() -> None:
         "Fatal Python error: Segmentation fault\n",
         "no tests ran in 0.01s\n",
         "3 passed, 1 error in 1s\n",
+        "1 failed, 3 passed, 2 warnings in 1s\n",
         "3 skipped in 1s\n",
     ],
 )
