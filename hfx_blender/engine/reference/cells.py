@@ -191,14 +191,16 @@ class Cells:
         by_one, by_two, between = self._bulges[:, quad]
         heights = (1.0 - one - two) * (one * by_one + two * by_two) + one * two * between
 
-        # The vertex is a sample too: with an equal fraction, but at most a hundredth of the cell.
+        # The vertex is a sample too: with an equal fraction, at most a hundredth of the cell; of
+        # triangles without area with all of it, as their samples have no share.
         unit = self._corners[0, quad]
         of_units = np.bincount(unit, areas, total)
+        has_area = of_units > 0.0
         of_units[units] = np.where(of_units[units] > 0.0, of_units[units], 1.0)
         of_cells = np.bincount(owner, of_units, len(self._skin.model))
         unit_shares = of_units / np.where(of_cells > 0.0, of_cells, 1.0)[owner]
         numbers = np.bincount(unit, minlength=total)
-        own = np.where(numbers > 0, np.minimum(1.0 / (numbers + 1.0), _VERTEX_SHARE), 1.0)
+        own = np.where(has_area, np.minimum(1.0 / (numbers + 1.0), _VERTEX_SHARE), 1.0)
         areas = areas / of_units[unit] * (unit_shares * (1.0 - own))[unit]
         zeros = np.zeros(len(units))
         return Samples(

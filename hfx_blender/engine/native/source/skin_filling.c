@@ -116,9 +116,13 @@ static double squared_of(int64_t steps) { return (double)(steps * steps); }
 static void share_out(const hfx_table *table, const hfx_spacing *spacing, int64_t unit, double area,
                         double cell, const extent *extents) {
   int64_t first = table->quad_starts[unit], count = table->quad_starts[unit + 1] - first;
-  double share = area / cell, samples = 0.0;
-  for (int64_t k = 0; k < count; k++) samples += squared_of(table->steps[first + k]);
-  double mine = samples > 0.0 ? share * hfx_smaller(1.0 / (samples + 1.0), spacing->most_share) : share;
+  double share = area / cell, samples = 0.0, total = 0.0;
+  for (int64_t k = 0; k < count; k++) {
+    samples += squared_of(table->steps[first + k]);
+    total += extents[k].total;
+  }
+  // Samples of triangles without area have no share: the vertex stands for all of its skin.
+  double mine = total > 0.0 ? share * hfx_smaller(1.0 / (samples + 1.0), spacing->most_share) : share;
   double scale = (share - mine) / area;
   double reach = 0.0, mean = 0.0;
   double flat = FLAT_ENOUGH * spacing->distance[table->vertices[unit]];
