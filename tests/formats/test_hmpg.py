@@ -283,6 +283,25 @@ def test_more_bands_than_numbers():
     assert all(len(each["bands"][0]["effects"]) == 1 for each in channels)
 
 
+def test_equal_ids_of_channels_in_two_perceptions_are_noted():
+    document = sample()
+    assert not any("same id" in note for note in encoded(document, "x").notes)
+    document["perceptions"].append({**copy.deepcopy(document["perceptions"][0]), "id": 1})
+    assert any("same id" in note for note in encoded(document, "x").notes)
+
+
+def test_ids_of_0_stay_apart_from_ids_of_1():
+    document = sample()
+    perception = document["perceptions"][0]
+    device = {"name": "pad"}
+    perception["reference_devices"] = [{**device, "id": k} for k in range(3)]
+    document["avatars"] = [{"id": k, "lod": 0, "type": "Pressure"} for k in range(3)]
+    read, _ = hjif_reader.decode(as_json(document), "x.hjif")
+    found, _ = decode(encoded(read, "x").content, "x")
+    assert [each["id"] for each in found["perceptions"][0]["reference_devices"]] == [0, 1, 2]
+    assert [each["id"] for each in found["avatars"]] == [0, 1, 2]
+
+
 @pytest.mark.parametrize(
     "path, value, message",
     [

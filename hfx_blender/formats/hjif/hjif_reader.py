@@ -144,13 +144,15 @@ def _is_effect(shape: Shape, item: Any) -> bool:
 
 def _number(shape: Number, value: Any, name: str) -> Any:
     """Clip a number to the allowed range; unchanged for another type. Wider: amplitudes to +-16
-    (scale of early wavelets), upper frequency limits to 192 kHz."""
+    (scale of early wavelets), upper frequency limits to 192 kHz, ids from 0."""
     # Python's bool is an int: true and false are no numbers here.
     if isinstance(value, bool) or not isinstance(value, int | float):
         return value
     if name == "amplitude_modulation":  # early wavelet blocks hold their scale as one
         return min(max(value, -_LARGEST_SCALE), _LARGEST_SCALE)
     highest = _HIGHEST_RATE if name == "upper_frequency_limit" else shape.highest
-    within = min(max(value, shape.lowest), highest)
+    # Ids are labels: an id of 0, clipped to 1, would be that of another item.
+    lowest = 0 if name == "id" else shape.lowest
+    within = min(max(value, lowest), highest)
     # Writers without integers store 1 as 1.0.
     return int(within) if shape.is_whole and float(within).is_integer() else within

@@ -90,6 +90,12 @@ class _Writer:
         if not self._perceptions:
             raise InputError(f"{name}: has no perception over time, which HMPG is written of here.")
         self._bands = self._numbered_bands()
+        ids = [channel["id"] for _, each in self._perceptions for channel in each["channels"]]
+        if len(set(ids)) < len(ids):
+            self.notes.append(
+                "channels of several perceptions have the same id, which readers that ignore the "
+                "perception, as MPEG's reference software, confuse"
+            )
 
     def content(self) -> bytes:
         """Bytes of all units."""
