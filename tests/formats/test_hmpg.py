@@ -355,6 +355,17 @@ def test_every_part_of_a_stream_is_refused_or_read():
         decode(b"", "x")
 
 
+def test_effects_missing_after_a_cut_between_units_are_counted():
+    whole = encoded(sample(), "x").content
+    # The initialization unit alone: 9 bytes, then as many as bits 36 to 68 state.
+    length = int.from_bytes(whole[:9]) >> 4 & 0xFFFFFFFF
+    _, notes = document_of(whole[: 9 + length], "x")
+    bands = [b for c in sample()["perceptions"][0]["channels"] for b in c["bands"]]
+    count = sum(len(band["effects"]) for band in bands)
+    assert notes == (f"{count} effects that bands announce are not in the stream",)
+    assert document_of(whole, "x")[1] == ()
+
+
 def test_changed_bytes_are_refused_or_read():
     rng = random.Random(7)
     whole = encoded(sample(), "x").content

@@ -63,6 +63,7 @@ class _Stream:
         self._perceptions: dict[int, dict[str, Any]] = {}
         self._channels: dict[tuple[int, int], dict[str, Any]] = {}
         self._bands: dict[tuple[int, int, int], dict[str, Any]] = {}
+        self._announced: dict[tuple[int, int, int], int] = {}  # effects of a band
         # Basis effects of a band by id: later units continue their keyframes.
         self._effects: dict[tuple[int, int, int, int], dict[str, Any]] = {}
 
@@ -79,8 +80,14 @@ class _Stream:
         }
 
     def notes(self) -> tuple[str, ...]:
-        """Sentence for each kind of content that was not read, with its count."""
-        return tuple(f"{count} {what}" for what, count in self._lost.items())
+        """Sentence for each kind of content that was not read or is not there, with its count."""
+        lost = self._lost.copy()
+        for key, count in self._announced.items():
+            modality = self._perceptions[key[0]]["perception_modality"]
+            if modality not in syntax.OVER_SPACE:
+                missing = count - len(self._bands[key]["effects"])
+                lost["effects that bands announce are not in the stream"] += max(missing, 0)
+        return tuple(f"{count} {what}" for what, count in lost.items() if count)
 
     def unit(self, content: bytes, at: int) -> int:
         """Read the unit at byte ``at``; returns its end. InputError for a damaged unit."""
@@ -245,6 +252,7 @@ class _Stream:
             hertz = band["upper_frequency_limit"]
             band["block_length"] = syntax.block_ticks(code, hertz, self._timescale or 1000)
         key = (perception_id, channel_id, id)
+        self._announced[key] = bits.take(16)
         if key in self._bands:
             self._bands[key] |= band
         else:
