@@ -122,6 +122,18 @@ def test_steady_sounds_have_no_transients(rate: int) -> None:
     assert not false
 
 
+@pytest.mark.parametrize("low", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("jump_s", [1.3, 2.0, 2.5])
+@pytest.mark.parametrize("hertz", [100.0, 400.0, 1000.0])
+def test_a_quiet_tone_has_no_onset_a_second_before_a_loud_one(
+    hertz: float, jump_s: float, low: float
+) -> None:
+    t = times(8000, 4.0)
+    sound = np.where(t < jump_s, low, 1.0) * np.sin(2.0 * np.pi * hertz * t)
+    found = [transient.time_s for transient in follow(sound, 8000).transients]
+    assert found == pytest.approx([jump_s], abs=0.01)
+
+
 def hits(rate: int, starts: F64, hertz: float, decay_s: float) -> F64:
     """Decaying sines that begin at given times, 4 s."""
     after = times(rate, 4.0)[:, None] - starts

@@ -241,8 +241,12 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     window = np.hanning(7)[1:-1]
     power = convolve1d(powers, window / window.sum(), axis=0)
     total = power.sum(1)
-    near = maximum_filter1d(total, 2 * _NEAR + 1)
-    level = 10.0 * np.log10(power + 10.0 ** (_QUIET_DB / 10.0) * near[:, None] + 1e-12)
+    # Silence is relative to the loudest nearby. It changes slowly: its step, a second before a loud
+    # moment, would be a rise of all quiet bands.
+    near = maximum_filter1d(total, 3 * _NEAR + 1)
+    near_db = 10.0 * np.log10(near.clip(max(1e-6 * near.max(), 1e-12)))
+    silence = 10.0 ** ((_QUIET_DB + uniform_filter1d(near_db, _NEAR)) / 10.0)
+    level = 10.0 * np.log10(power + silence[:, None])
     # The mean level of all bands is a further band: it is steady in noise, so a small rise counts.
     level = np.append(level, level.mean(1, keepdims=True), axis=1)
     power = np.append(power, total[:, None], axis=1)
@@ -250,7 +254,7 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     # A band of width B needs 1 / B seconds to rise.
     lags = [*np.ceil(0.6 * FRAME_HZ / 2.0**centres).astype(int).tolist(), _LAG]
     # Where the whole sound rises at once, as it does not in noise, regular beats are rare enough.
-    total_db = 10.0 * np.log10(total + 10.0 ** (_QUIET_DB / 10.0) * near + 1e-12)
+    total_db = 10.0 * np.log10(total + silence)
     is_beat = total_db - _largest(total_db, -_FAST_PERIOD, -2 * _LAG) >= _RISE_DB
     is_near = maximum_filter1d(is_beat, 21)[:, None]
     is_dense = uniform_filter1d(is_beat.astype(float), _NEAR // 2)[:, None] > _DENSE
