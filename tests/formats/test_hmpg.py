@@ -332,8 +332,12 @@ def test_losses_are_told():
     texture = copy.deepcopy(document["perceptions"][0])
     texture |= {"id": 1, "perception_modality": "Vibrotactile Texture"}
     document["perceptions"].append(texture)
+    band = document["perceptions"][0]["channels"][0]["bands"][0]
+    reference = {"effect_type": "Reference", "id": 0, "semantic_keywords": "UX/Click"}
+    band["effects"].append(reference | {"position": 9})
     made = encoded(document, "x")
     assert "1 perceptions over space (Vibrotactile Texture)" in made.left_out
+    assert "1 semantic keywords of references" in made.left_out
     assert "1 synchronization points after the start" in made.left_out
     assert "1 ends of texts longer than 255 bytes (description)" in made.left_out
     found, _ = decode(made.content, "x")

@@ -409,6 +409,8 @@ class _Writer:
             self._effect_head(bits, part.effect, part.id, place)
             bits.put_signed(25, part.position - unit * self._unit, f"{place}.position")
             if part.effect["effect_type"] == "Reference":
+                if "semantic_keywords" in part.effect:
+                    self.lost["semantic keywords of references"] += 1
                 continue
             self._keyword(bits, part.effect)
             bits.put(16, len(part.frames), f"the count of keyframes of {place}")
