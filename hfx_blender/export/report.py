@@ -135,7 +135,7 @@ def effect_facts(
     were on at samples far from all skin.
     """
     spans_of: dict[str, list[tuple[float, float]]] = {}
-    powerless = set()
+    powerless, forceful = set(), set()
     for summary in track.summary():
         strong = _with_strength(summary, track.header, times)
         if strong.first_s is not None and strong.last_s is not None:
@@ -143,6 +143,8 @@ def effect_facts(
             spans_of.setdefault(summary.stream.effect_id, []).append(span)
         elif summary.sample_count:
             powerless.add(summary.stream.effect_id)
+            if "forces_n" in summary.channels:
+                forceful.add(summary.stream.effect_id)
     # Ids of instances are "emitter:number"; an emitter counts as felt with any of its instances.
     swarms = {instance.rpartition(":")[0] for instance in instances if instance in spans_of}
     lines, missed = [], []
@@ -165,6 +167,8 @@ def effect_facts(
                 reason = f"has a driver that cannot be evaluated, that of {failed_drivers[0]}"
             elif effect.id in powerless:
                 reason = powerless_reason(effect.modality, effect.is_contact)
+                if effect.id in forceful:
+                    reason += ", and its contact force goes to scripts and files alone"
             else:
                 reason = _why_missed(effect, times, answering, seen_on, warnings)
             if not failed_drivers and is_part and (effect.id in powerless or reason in _OF_TIME):

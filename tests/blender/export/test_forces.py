@@ -186,6 +186,9 @@ def test_a_surface_pushes_skin_behind_its_faces(scene: Any, tmp_path: Path) -> N
         np.testing.assert_allclose(sample.forces_n, expected, atol=1e-3)
         assert expected.max() == pytest.approx(STIFFNESS * 2e-3, rel=1e-3)
         assert sample.parameters[0] == 0.0  # nothing slides
+    (report,) = folder.glob("*report.json")
+    (warning,) = [text for text in json.loads(report.read_text())["warnings"] if "felt" in text]
+    assert "has amplitude 0, and its contact force goes to scripts and files alone" in warning
     lines = list(jsonl_rules.read(folder / "x.samples.jsonl"))
     first = next(line for line in lines if line["type"] == "sample")
     np.testing.assert_allclose(first["forces_n"], actual[0].forces_n, atol=1e-4)
