@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -142,12 +143,17 @@ class HFX_OT_live_person(OfDevice):
         return context.window_manager.invoke_props_dialog(self)
 
     def check(self, _context: bpy.types.Context) -> bool:
-        shown, self._shown = self._shown, self._marks(self._device())
-        for mark in MARKS:
-            strengths = {id: marks[mark] for id, marks in self._shown.items()}
-            if strengths != {id: marks[mark] for id, marks in shown.items()}:
-                self._play(strengths)
+        with suppress(InputError):  # stopped meanwhile, as the panel shows
+            shown, self._shown = self._shown, self._marks(self._device())
+            for mark in MARKS:
+                strengths = {id: marks[mark] for id, marks in self._shown.items()}
+                if strengths != {id: marks[mark] for id, marks in shown.items()}:
+                    self._play(strengths)
         return True
+
+    def cancel(self, _context: bpy.types.Context) -> None:
+        with suppress(InputError):
+            self._play({})  # silent at once
 
     def work(self, _context: bpy.types.Context) -> str:
         from ...devices.configurations import person_profile

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -30,6 +31,7 @@ from hfx_blender.errors import DeviceError
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.files import resources
 from hfx_blender.operators.live import connect_operators
+from hfx_blender.operators.live.live_operators import HFX_OT_live_person
 from hfx_blender.playback.evaluation import evaluation
 from hfx_blender.playback.live import live as live_module
 from hfx_blender.playback.live import live_handlers
@@ -328,6 +330,24 @@ def test_a_person_is_set_up_on_a_playing_device(log: Path) -> None:
     until(lambda: not live.is_armed)
     with pytest.raises(RuntimeError, match="is not playing"):
         operator(name=PAD, person="ada", **shares)
+
+
+def test_a_strength_is_played_while_a_person_changes_it(log: Path) -> None:
+    until(lambda: live.is_armed)
+    dialog = SimpleNamespace(name=PAD, first_felt=5.0, strong_enough=50.0, too_strong=100.0)
+    for name in ("_device", "_marks", "_play"):
+        setattr(dialog, name, partial(getattr(HFX_OT_live_person, name), dialog))
+    dialog._shown = dialog._marks(dialog._device())
+    dialog.strong_enough = 60.0
+    assert HFX_OT_live_person.check(dialog, bpy.context)
+    until(lambda: is_loud(log))
+    HFX_OT_live_person.cancel(dialog, bpy.context)
+    until(lambda: not is_loud(log))
+    live.stop_all()
+    until(lambda: not live.is_armed)
+    dialog.strong_enough = 70.0
+    assert HFX_OT_live_person.check(dialog, bpy.context)
+    HFX_OT_live_person.cancel(dialog, bpy.context)
 
 
 def test_how_a_device_is_connected_is_remembered_outside_the_file(log: Path) -> None:
