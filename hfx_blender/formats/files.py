@@ -82,7 +82,7 @@ def without_invalid_files(written: Written) -> Written:
     unlimited = tuple(FORMATS[id].suffix for id in ("track", "wav"))
     files: list[Path] = []
     left_out: list[str] = []
-    for path in written.files:
+    for path in dict.fromkeys(written.files):  # formats may share a companion
         size = path.stat().st_size
         fault = ""
         # Rows of tables, sound and samples were checked before writing.

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from track_render import render
 
 from hfx_blender.devices import script_rendering
 from hfx_blender.devices.configuration import load_device
@@ -29,7 +28,7 @@ from hfx_blender.engine.body.parts import PARTS
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.moment import MomentRenderer
 from hfx_blender.engine.rendering.raster import Raster
-from hfx_blender.engine.rendering.render import renderers_of_track
+from hfx_blender.engine.rendering.render import render, renderers_of_track
 from hfx_blender.engine.samples import SampleRun, Stream
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.stepwise import finish

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from skin_plane import plane
-from track_render import render
 
 from hfx_blender.engine.body.model import PerceptualModel
 from hfx_blender.engine.evaluate import Engine
@@ -23,6 +22,7 @@ from hfx_blender.engine.rendering.device_config import (
     Scheme,
 )
 from hfx_blender.engine.rendering.raster import Raster, unrendered
+from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.samples import SampleRun
 from hfx_blender.engine.scene import (

@@ -13,9 +13,9 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
-from track_render import render
 
 from hfx_blender.devices.configuration import load_device
+from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.track import TrackReader
 
 FOLDER = Path(__file__).parent / "old_files"

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from core_library import ROOT, compiled
-from track_render import render
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model, load_skeleton
 from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.scene import (
     AnimationBlock,
     BodyDescription,

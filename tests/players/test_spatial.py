@@ -12,12 +12,12 @@ import pytest
 from check_spatial import Shares, clip_of, compare
 from core_library import Body, Clip
 from small_clip import write_small_clip
-from track_render import render
 from walkers import RATE_HZ, bouncing, stage, walk
 
 from hfx_blender.devices.configuration import load_device
 from hfx_blender.engine.body.model import load_model, load_skeleton
 from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.response_filters.controls import Filter, FilterKind, Operation
 from hfx_blender.engine.scene import (
     AnimationBlock,

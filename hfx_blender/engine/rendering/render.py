@@ -10,11 +10,33 @@ from ..scene import ActuatorArea, SceneDescription
 from ..track import TrackHeader, TrackReader
 from .actuator_vertices import rows_of
 from .device_config import DeviceConfig
-from .dispatch import rendered_modalities
+from .dispatch import ModelLoader, rendered_modalities
 from .raster import Raster
 from .renderer import Renderer
 
 Played = tuple[DeviceConfig, Raster]
+
+
+def render(
+    header: TrackHeader,
+    runs: Iterable[SampleRun],
+    device: DeviceConfig,
+    models: ModelLoader = load_model,
+    *,
+    body_id: str | None = None,
+) -> Raster:
+    """Render a whole track for one device.
+
+    Runs come block after block in time, within a block in the order of ``header.streams``, as from
+    ``TrackReader.runs()`` and ``Engine.evaluate``; memory holds a single block. ``models`` loads a
+    perceptual model by id. ``body_id``, the wearer, is optional for a track with one body. Raises
+    InputError for an unknown body, a device that does not fit a model, or a model other than that
+    of the recording.
+    """
+    renderer = Renderer(header, device, models, body_id=body_id)
+    for block in blocks(header, runs):
+        renderer.add(block)
+    return renderer.raster()
 
 
 def blocks(header: TrackHeader, runs: Iterable[SampleRun]) -> Iterator[list[SampleRun]]:

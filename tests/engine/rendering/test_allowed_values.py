@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rendering_synthetic import MODELS, at, make_device, make_header, make_run
-from track_render import render
 
 from hfx_blender.devices.host.guard import Guard
 from hfx_blender.engine.rendering.conditioning.actuator_limits import rounded
 from hfx_blender.engine.rendering.device_config import DeviceConfig
+from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.rendering.renderer import Renderer
 
 AMPLITUDES = (0.0, 4.0, 10.0)

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rendering_synthetic import MODELS, at, make_device, make_header, make_run
-from track_render import render
 
 from hfx_blender.engine.rendering.conditioning.feel import Feel, SkinMemory
 from hfx_blender.engine.rendering.moment import MomentRenderer, of_one_moment
+from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.errors import InputError
 

@@ -14,10 +14,10 @@ from rendering_synthetic import (
     make_header,
     make_run,
 )
-from track_render import render
 
 from hfx_blender.engine.rendering.device_config import Substitution
 from hfx_blender.engine.rendering.raster import unrendered
+from hfx_blender.engine.rendering.render import render
 from hfx_blender.engine.rendering.renderer import Renderer
 from hfx_blender.engine.track import TrackReader, TrackWriter
 from hfx_blender.errors import InputError
