@@ -16,6 +16,7 @@ import bpy
 import igl
 import numpy as np
 
+from hfx_blender.blender import compat
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.counters import Counters
 from hfx_blender.engine.evaluate import Engine
@@ -265,12 +266,16 @@ def bend(body: Any, seed: int, strength: float = 0.6) -> None:
 
 
 def key(owner: Any, path: str, keys: Iterable[tuple[float, Any]]) -> None:
-    """Keyframes of a property."""
+    """Keyframes of a property; those of a bool are steps, as in all Blenders but 4.4.0."""
     holder, _, name = path.rpartition(".")
     target = owner.path_resolve(holder) if holder else owner
     for frame, value in keys:
         setattr(target, name, value)
         owner.keyframe_insert(path, frame=frame)
+    for curve in compat.fcurves(owner):
+        if curve.data_path == path and isinstance(target.path_resolve(name), bool):
+            for point in curve.keyframe_points:
+                point.interpolation = "CONSTANT"
 
 
 def empty(scene: Any, name: str = "Empty", parent: Any = None) -> Any:

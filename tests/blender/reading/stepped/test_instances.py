@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+import oracle
 import pytest
 
 from hfx_blender.authoring.effects import effects
@@ -99,9 +100,7 @@ def test_instances_are_read_between_frames_and_are_the_same_in_any_part(ball: An
 def test_an_instance_that_is_there_between_two_frames_only(ball: Any) -> None:
     for where, position in (("Here", BELLY), ("There", PLACES[2])):
         shown = _empty(where, position)
-        for frame, is_hidden in ((0, True), (4.2, False), (4.8, True)):
-            shown.hide_viewport = is_hidden
-            shown.keyframe_insert("hide_viewport", frame=frame)
+        oracle.key(shown, "hide_viewport", [(0, True), (4.2, False), (4.8, True)])
     bpy.context.scene.hfx.rate = 4 * FPS
     runs, reader = _read()
     assert np.concatenate([run.indices for run in runs]).tolist() == [17, 18, 19]
