@@ -170,7 +170,8 @@ def test_numbers_of_the_choices():
 
 
 def as_stored(document):
-    """Return a document as HMPG holds it: compositions unfolded, one kind of place, no types."""
+    """Return a copy of a HJIF document without content that HMPG lacks, and with compositions
+    replaced by their parts."""
     document = copy.deepcopy(document)
     for perception in document["perceptions"]:
         for device in perception.get("reference_devices", ()):

@@ -81,7 +81,7 @@ def _repeated(hits: Contacts, rows: I64, sources: I64) -> Contacts:
 
 
 def _at(query: ContactQuery, mask: Bool) -> ContactQuery:
-    """Query restricted to the rows of a mask (n,)."""
+    """Copy of a contact query with the rows of a mask (n,) only."""
     at = query.rows[mask], query.follows[mask], query.reported[mask]
     return replace(query, rows=at[0], follows=at[1], reported=at[2])
 

@@ -177,8 +177,8 @@ class HFX_OT_live_person(OfDevice):
         return device
 
     def _marks(self, device: DeviceConfig) -> dict[str, dict[str, float]]:
-        """Strengths of each question by actuator, the same shares of all limits; only actuators
-        that are silent at 0. InputError without any."""
+        """Strengths of the three marks by actuator id, as shares of each actuator's limit, without
+        actuators that are not silent at 0; InputError if none is left."""
         actuators = [a for a in device.actuators if MODALITIES[a.type.modality].is_silent_at_0]
         if not actuators:
             raise InputError(f"Device '{title_of(self.name)}' has no strength that begins at 0.")

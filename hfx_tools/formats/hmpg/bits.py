@@ -99,7 +99,7 @@ class BitWriter:
         self.put(width, round((number - lowest) / (highest - lowest) * steps), field)
 
     def put_text(self, text: str, field: str) -> None:
-        """Write the number of bytes, then UTF-8; InputError above 255 bytes."""
+        """Write a text as its number of bytes, then UTF-8; InputError above 255 bytes."""
         content = text.encode("utf-8", "replace")
         if len(content) > LONGEST_TEXT:
             raise InputError(

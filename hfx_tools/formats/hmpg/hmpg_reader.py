@@ -22,7 +22,7 @@ _UNFOLD: Final = "its packets hold"
 
 
 def decode(content: bytes, name: str) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Document of HJIF, with sentences about parts that were not read and about tolerated faults.
+    """Read a stream as a HJIF document, with sentences about unread parts and tolerated faults.
     Raises InputError for a damaged stream, and TooLargeError for too many effects and keyframes."""
     document, notes = document_of(content, name)
     # The same tolerance as for HJIF: dates in any form, numbers outside of their range.
@@ -31,7 +31,7 @@ def decode(content: bytes, name: str) -> tuple[dict[str, Any], tuple[str, ...]]:
 
 
 def document_of(content: bytes, name: str) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Document as the stream states it, valid or not, and sentences about parts that were not read.
+    """Read a stream as a HJIF document, valid or not, with sentences about unread parts.
     Raises as :func:`decode`."""
     stream = _Stream(name)
     at = 0
@@ -66,6 +66,16 @@ class _Stream:
         self._announced: dict[tuple[int, int, int], int] = {}  # effects of a band
         # Basis effects of a band by id: later units continue their keyframes.
         self._effects: dict[tuple[int, int, int, int], dict[str, Any]] = {}
+        self._readers: Final = {
+            syntax.TIMING: self._timing,
+            syntax.INITIAL_TIMING: self._initial_timing,
+            syntax.EXPERIENCE: self._experience,
+            syntax.PERCEPTION: self._perception,
+            syntax.CHANNEL: self._channel,
+            syntax.BAND: self._band,
+            syntax.LIBRARY: self._library,
+            syntax.DATA: self._data,
+        }
 
     def document(self) -> dict[str, Any]:
         """Document of all units; InputError without the packet of the experience."""
@@ -119,27 +129,16 @@ class _Stream:
         if begin + length > end:
             raise InputError(f"{place} is longer than its unit.")
         bits = BitReader(content[begin : begin + length], place)
-        if kind == syntax.TIMING:
-            self._time = bits.take(32)
-        elif kind == syntax.INITIAL_TIMING:
-            self._initial_timing(bits)
-        elif kind == syntax.EXPERIENCE:
-            self._experience(bits)
-        elif kind == syntax.PERCEPTION:
-            self._perception(bits)
-        elif kind == syntax.CHANNEL:
-            self._channel(bits)
-        elif kind == syntax.BAND:
-            self._band(bits)
-        elif kind == syntax.LIBRARY:
-            self._library(bits)
-        elif kind == syntax.DATA:
-            self._data(bits)
+        if kind in self._readers:
+            self._readers[kind](bits)
         elif kind in syntax.CHECKSUMS:
             self._lost["checksums were not compared"] += 1
         else:
             self._lost[f"packets of the unknown type {kind} were passed over"] += 1
         return begin + length
+
+    def _timing(self, bits: BitReader) -> None:
+        self._time = bits.take(32)
 
     def _initial_timing(self, bits: BitReader) -> None:
         """Time and ticks a second. Durations that follow are for the planning of players."""
@@ -295,7 +294,7 @@ class _Stream:
         return effect
 
     def _data(self, bits: BitReader) -> None:
-        """Effects of a band within the current unit."""
+        """Read a packet of a band's effects in the current unit of time."""
         bits.take(1)  # whether all effects begin here
         key = (bits.take(8), bits.take(16), bits.take(8))
         perception = self._known_perception(key[0], bits)
@@ -331,7 +330,7 @@ class _Stream:
             known["keyframes"] += [self._frame(bits, band["band_type"]) for _ in range(frames)]
 
     def _wavelet(self, bits: BitReader, band: dict[str, Any]) -> None:
-        """Next wavelet block of a band; blocks follow each other from the start."""
+        """Read a wavelet block, which follows the previous block of its band without a gap."""
         self._new_effect(bits)
         keyword = self._keyword(bits)
         stream = bytes(bits.take(8) for _ in range(bits.take(16)))

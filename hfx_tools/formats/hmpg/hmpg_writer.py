@@ -30,7 +30,7 @@ _STEPS: Final = (
 
 @dataclass(frozen=True)
 class Encoded:
-    """Content of a file, with losses and notes as sentences."""
+    """Bytes of a HMPG file, with sentences about left out content and about the encoding."""
 
     content: bytes
     left_out: tuple[str, ...]
@@ -483,7 +483,7 @@ class _Writer:
 
     def _keyword(self, bits: BitWriter, effect: Mapping[str, Any]) -> None:
         word = effect.get("semantic_keywords")
-        number = next((n for n, each in syntax.KEYWORDS.items() if each == word), None)
+        number = syntax.KEYWORD_NUMBERS.get(word or "")
         if word is not None and number is None:
             self.lost["semantic keywords outside of the standard's list"] += 1
         bits.put(1, int(number is not None), "")
@@ -498,7 +498,7 @@ class _Writer:
     # --- fields -----------------------------------------------------------------------------
 
     def _text(self, bits: BitWriter, members: Mapping[str, Any], key: str, place: str) -> None:
-        """Write a text, cut to the longest that the field holds."""
+        """Write a member of a document as a text of at most 255 bytes, and count a cut text."""
         text = members[key]
         content = text.encode("utf-8", "replace")
         if len(content) > LONGEST_TEXT:

@@ -91,6 +91,7 @@ KEYWORDS: Final = {
     for number, word in enumerate(words.split())
 }
 """Semantic keywords by number: a group in 4 bits, a word of the group in 8 bits."""
+KEYWORD_NUMBERS: Final = {keyword: number for number, keyword in KEYWORDS.items()}
 
 
 def block_ticks(code: int, upper_hz: int, timescale: int) -> int:
@@ -102,6 +103,7 @@ def block_ticks(code: int, upper_hz: int, timescale: int) -> int:
 
 
 def block_code(ticks: int, upper_hz: int, timescale: int) -> int:
-    """Field of wavelet blocks: their length in ticks if it fits, else the power of two."""
+    """Code of a length of wavelet blocks: the ticks if the field holds them, else the power of two
+    above 16 samples."""
     samples = round(ticks * upper_hz / timescale)
     return ticks if 16 <= ticks <= 255 else max(samples.bit_length() - 5, 0)

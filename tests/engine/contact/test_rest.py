@@ -74,7 +74,7 @@ def _plain(value: Any) -> Any:
 def test_resting_samples_change_no_bit_and_no_count(
     seed: int, tolerance: Tolerance, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Flattened samples at rest are warned of as often as without sharing."""
+    """Warnings count each sample of a flattened volume at rest, as without shared contacts."""
     scene, block = _resting(seed, seed % 2)
 
     def found() -> tuple[list[Any], dict[str, Any]]:
