@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from own_devices import BAND, own_device, own_folder, scripted
 
 from hfx_blender.devices import script_rendering
 from hfx_blender.devices.configuration import load_device
@@ -47,7 +47,6 @@ FPS, RATE_HZ, FIRST = 24, 48, 36
 START = 8  # first frame of the scene: time zero
 ROWS = 300  # more than two chunks of a track
 BUZZ, WARM = (20, 200), (100, 160)  # rows
-BAND = "my_band_left"
 
 COUNTER = """
 count = 0
@@ -62,31 +61,7 @@ def render(haptics):
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Set up user devices with a band, and no approvals; return the device folder."""
-    devices_folder = tmp_path / "devices"
-    devices_folder.mkdir()
-    monkeypatch.setenv("HFX_DEVICES", str(devices_folder))
-    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
-    own_device(devices_folder, "forearm_band", "my_band")
-    return devices_folder
-
-
-def own_device(folder: Path, shipped: str, name: str, **kind: Any) -> None:
-    content = json.loads((resources.device_configs() / f"{shipped}.json").read_text())
-    content["id"] = name
-    for actuator_type in content["actuator_types"].values():
-        actuator_type.update(kind)
-    (folder / f"{name}.json").write_text(json.dumps(content))
-
-
-def scripted(folder: Path, source: str, name: str = BAND, *, is_approved: bool = True) -> Any:
-    """Write a device with the given script."""
-    (folder / f"{name.removesuffix('_left')}.py").write_text(source)
-    script = approval.script_of(name)
-    assert script is not None
-    if is_approved:
-        approval.approve(script)
-    return load_device(name)
+    return own_folder(tmp_path, monkeypatch)
 
 
 def header(bodies: tuple[str, ...] = ("anna",)) -> TrackHeader:

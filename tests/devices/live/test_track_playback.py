@@ -21,18 +21,18 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import own_devices
 import pytest
 from live_process import BAND, is_loud, rows_of
+from own_devices import own_folder, scripted
 from raw_server import RawServer
 from test_render_process import HEADER, STREAMS, places, vibration
 
 from hfx_blender import cli
 from hfx_blender.devices.configuration import load_device
-from hfx_blender.devices.live import approval
 from hfx_blender.devices.workers.live_frame import LiveFrame, decode_live_frame, encode_live_frame
 from hfx_blender.engine.scene import TimeBase
 from hfx_blender.engine.track import TrackWriter
-from hfx_blender.files import resources
 from hfx_blender.tracking.osc_packets import OscMessage
 from hfx_blender.tracking.receiver import ReceivedMessage
 from hfx_blender.tracking.value_addresses import address_of
@@ -306,17 +306,8 @@ def render(haptics):
 @pytest.fixture
 def loud_band(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """Approve a device whose script returns 5 m/s^2 at every call; return the device's name."""
-    folder = tmp_path / "devices"
-    folder.mkdir()
-    monkeypatch.setenv("HFX_DEVICES", str(folder))
-    monkeypatch.setenv(resources.USER_DATA_VARIABLE, str(tmp_path / "data"))
-    text = (resources.device_configs() / "forearm_band.json").read_text()
-    (folder / "my_band.json").write_text(text.replace('"forearm_band"', '"my_band"'))
-    (folder / "my_band.py").write_text(LOUD)
-    script = approval.script_of("my_band_left")
-    assert script is not None
-    approval.approve(script)
-    return "my_band_left"
+    scripted(own_folder(tmp_path, monkeypatch), LOUD)
+    return own_devices.BAND
 
 
 def called_s(printed: str) -> list[float]:
