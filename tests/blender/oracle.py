@@ -272,10 +272,11 @@ def key(owner: Any, path: str, keys: Iterable[tuple[float, Any]]) -> None:
     for frame, value in keys:
         setattr(target, name, value)
         owner.keyframe_insert(path, frame=frame)
-    for curve in compat.fcurves(owner):
-        if curve.data_path == path and isinstance(target.path_resolve(name), bool):
-            for point in curve.keyframe_points:
-                point.interpolation = "CONSTANT"
+    if isinstance(target.path_resolve(name), bool):
+        curve = compat.fcurve_of(owner.id_data, target.path_from_id(name))
+        assert curve is not None, path
+        for point in curve.keyframe_points:
+            point.interpolation = "CONSTANT"
 
 
 def empty(scene: Any, name: str = "Empty", parent: Any = None) -> Any:
