@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Shared command arguments: file name patterns, checked values and ``--json``."""
 
-from __future__ import annotations
-
 import argparse
 import glob
 import os

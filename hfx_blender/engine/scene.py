@@ -6,8 +6,6 @@ times. Spaces: *world* (metres); *rest space* of the perceptual models; *shape s
 shapes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction

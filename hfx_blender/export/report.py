@@ -2,8 +2,6 @@
 """Report of an export: felt and unfelt effects, effects without a device, files, warnings; and its
 text for the terminal and the popup."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress

@@ -4,8 +4,6 @@
 No drawing and no window here; ``operators/surfaces/stroke_pad_view.py`` draws the pad.
 """
 
-from __future__ import annotations
-
 import logging
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence

@@ -4,8 +4,6 @@
 Stepped effects and bodies are read at single times; of volumes far from skin only placements.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable
 from contextlib import ExitStack

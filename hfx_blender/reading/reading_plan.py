@@ -6,8 +6,6 @@ equal results, else in the user's scene. A plan is compared with Blender's own e
 times.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@
 Registered for each module: classes, then the function ``register``. ``bl_order`` sorts the panels.
 """
 
-from __future__ import annotations
-
 from ..blender import registration
 
 register, unregister = registration.of_package(__name__, __path__)

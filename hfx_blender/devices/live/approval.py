@@ -6,8 +6,6 @@ interface. The script worker checks :func:`may_run` for the bytes before running
 checks only serve for early messages. Not a sandbox: an approved script has all rights of the user.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Client of the output process in Blender, and the states of connected devices."""
 
-from __future__ import annotations
-
 import atexit
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Discovery of connected devices: serial ports by USB ids, programs at network addresses."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor

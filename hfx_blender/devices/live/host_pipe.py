@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blender's side of the output process: start, messages and events, without waiting."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Samples of a track at moments, for live devices."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

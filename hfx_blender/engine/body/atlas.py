@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Atlas of a perceptual model: a picture with a texel for the cell of each vertex."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import lru_cache
 

@@ -5,8 +5,6 @@ A volume that keeps clear of a body over all times of a block costs a few compar
 bounded only near volumes, and tested row by row (``broad_phase.c``).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Final
 

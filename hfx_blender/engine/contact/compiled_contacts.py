@@ -7,8 +7,6 @@ The narrow phase poses only clusters within reach, directly into shape space, an
 clusters contain, are compacted into contacts (``gather.c``).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final
 from weakref import WeakKeyDictionary

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Volumes placed relative to a body; ``placement.c``, ``broad.h``."""
 
-from __future__ import annotations
-
 import ctypes
 from functools import lru_cache
 from typing import Final

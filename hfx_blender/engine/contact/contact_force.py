@@ -10,8 +10,6 @@ relative to the object, and the outward normal n::
     friction = -min(1, |t| / 1 mm/s) friction normal t / |t|,  t = v - (v.n) n
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

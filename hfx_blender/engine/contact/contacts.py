@@ -5,8 +5,6 @@ The compiled library computes contacts (:mod:`.compiled_contacts`); without it t
 :mod:`..reference` is evaluated.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import fields, replace

@@ -4,8 +4,6 @@
 Bindings of ``clusters.c`` and ``bounds.c``. All functions need the library.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..arrays import F32, F64, I32, I64

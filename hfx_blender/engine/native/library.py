@@ -7,8 +7,6 @@ reading, ``double *`` a float64 array for writing, ``const hfx_tree *`` a struct
 structure may be None.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib.util
 import json

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """C sources of the library and their digest; imports the standard library only, for the build."""
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Final

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Haptic surfaces: vibration samples of skin moving over a surface."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ Piece 2 of 8 of ``out/scene`` is in ``out/scene.pieces``: a track, positions of 
 the record, with sizes and hashes of both files and the inputs of the recording.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Container, Mapping
 from contextlib import suppress

@@ -6,8 +6,6 @@ is recorded by a separate command and stored in the output folder until a last c
 Units and outcomes are JSON, for worker processes.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from itertools import pairwise

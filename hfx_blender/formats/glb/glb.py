@@ -5,8 +5,6 @@ HFX and Blender have Z up and a body facing -Y; glTF has Y up and +Z forward: (x
 z, -y).
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Mapping

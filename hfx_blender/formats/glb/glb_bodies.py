@@ -7,8 +7,6 @@ following a mesh has a joint per skin patch instead. Every perceptual model of t
 with this skin, vertices in the body's rest pose and in the model's order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final

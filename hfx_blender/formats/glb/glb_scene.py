@@ -10,8 +10,6 @@ law has a material of the draft ``MPEG_haptic_material`` (pull request 2502): co
 stiffness and friction, whose ``extras`` give the full scale that the draft does not define.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path

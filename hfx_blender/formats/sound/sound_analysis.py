@@ -8,8 +8,6 @@ Onsets are rises of a band over the largest value shortly before, in this band a
 (Boeck and Widmer, "Maximum filter vibrato suppression for onset detection", DAFx 2013).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import ceil

@@ -7,8 +7,6 @@ plays the sum of a wave per effect, of the shape named by the actuator type. A f
 faded over the last row.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Iterator, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Warnings about effects that are not felt; imported before Blender starts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Final
 
