@@ -104,7 +104,7 @@ def _answers(
     printed: list[str] = []
     times_s = [(float(base.frame(k)) - base.scene_start) / fps for k in range(base.sample_count)]
     try:
-        with _ScriptRun(script, device, answers, printed) as run:
+        with ScriptRun(script, device, answers, printed) as run:
             batch: list[bytes] = []
             size = 0
             for effects in _felt_by_row(track, renderer):
@@ -122,7 +122,7 @@ def _answers(
     except MessageError as error:  # haptic data exceed the size of a message
         reason = f"cannot be told {error}{_when(track.header, row)}"
         raise ScriptError(_nothing_for(device, script, reason)) from None
-    except _FaultError as error:
+    except ScriptFaultError as error:
         reason = str(error)
         if error.row is not None:
             reason = f"failed{_when(track.header, error.row)}: {reason}"
@@ -184,7 +184,7 @@ def _felt_by_row(track: TrackReader, renderer: Renderer) -> Iterator[FeltRuns]:
     yield from [nothing] * (track.header.time.sample_count - row)
 
 
-class _FaultError(Exception):
+class ScriptFaultError(Exception):
     """Fault of a script; ``row`` is None during its start."""
 
     def __init__(self, text: str, row: int | None = None) -> None:
@@ -192,15 +192,21 @@ class _FaultError(Exception):
         self.row = row
 
 
-class _ScriptRun:
+class ScriptRun:
     """Run of a script, row by row; a context manager that kills the worker at the end.
 
     ``answers`` (T, columns) float64: filled in place, row by row.
     ``printed``: printed lines are appended, beyond ``PRINTED`` as empty ones, which are counted.
+    ``variables``: environment variables of the worker besides its usual ones.
     """
 
     def __init__(
-        self, script: approval.DeviceScript, device: DeviceConfig, answers: F64, printed: list[str]
+        self,
+        script: approval.DeviceScript,
+        device: DeviceConfig,
+        answers: F64,
+        printed: list[str],
+        variables: Mapping[str, str] | None = None,
     ) -> None:
         assert device.script is not None
         self._printed = printed
@@ -209,18 +215,20 @@ class _ScriptRun:
         limit = {"folder": None, "prints_per_s": _PRINTS_PER_S}
         self._request = {**script.as_request(), "device": str(device.script.device), **limit}
         # A fixed seed makes the order of sets in the script reproducible.
-        self._worker = Worker("devices.workers.script_worker", variables={"PYTHONHASHSEED": "0"})
+        self._worker = Worker(
+            "devices.workers.script_worker", variables={"PYTHONHASHSEED": "0", **(variables or {})}
+        )
         self._asked = self._answered = 0  # rows sent, rows answered
         self._last = 0  # rows sent before the last batch
         self._is_ready = False
         self._went_on_at = 0.0
         self._left_s = SUM_S + SUM_ROW_S * len(answers)
 
-    def __enter__(self) -> _ScriptRun:
+    def __enter__(self) -> ScriptRun:
         try:
             self._worker.start()
         except OSError as error:  # too many processes, no memory
-            raise _FaultError(f"cannot be started: {error}") from None
+            raise ScriptFaultError(f"cannot be started: {error}") from None
         self._went_on_at = time.monotonic()
         self._worker.send(message(MessageKind.HEARTBEAT, 0, encode_json(self._request)))
         return self
@@ -231,8 +239,8 @@ class _ScriptRun:
 
     def ask(self, batch: Sequence[bytes]) -> None:
         """Wait until all rows before the last batch are answered, then send a new batch. So the
-        script always has work, and the pipe has a bounded length. Raises _FaultError: the script
-        has failed, or has exceeded a time limit."""
+        script always has work, and the pipe has a bounded length. Raises ScriptFaultError: the
+        script has failed, or has exceeded a time limit."""
         self.wait(self._asked - self._last)
         if self._answered == self._asked:
             self._went_on_at = time.monotonic()
@@ -242,7 +250,7 @@ class _ScriptRun:
     def wait(self, most: int = 0) -> None:
         """Process messages until the script is ready and at most ``most`` rows are unanswered.
 
-        Raises _FaultError: the script has failed, or has exceeded a time limit.
+        Raises ScriptFaultError: the script has failed, or has exceeded a time limit.
         """
         while not self._is_ready or self._asked - self._answered > most:
             began = time.monotonic()
@@ -268,14 +276,14 @@ class _ScriptRun:
                 self._left_s -= time.monotonic() - began
             self._process_message(received)
 
-    def _fault(self, text: str) -> _FaultError:
+    def _fault(self, text: str) -> ScriptFaultError:
         """Fault at the first unanswered row; without a row during the start."""
-        return _FaultError(text, self._answered if self._is_ready else None)
+        return ScriptFaultError(text, self._answered if self._is_ready else None)
 
     def _process_message(self, received: Message | None) -> None:
         """Process READY, an answer (stored as the next row of ``answers``), or a printed line.
-        Raises _FaultError: anything else, as FAULT, an unexpected answer, or None, the worker's
-        end."""
+        Raises ScriptFaultError: anything else, as FAULT, an unexpected answer, or None, the
+        worker's end."""
         if received is None and self._worker.fault:
             raise self._fault(f"its process {self._worker.fault}")
         if received is None:

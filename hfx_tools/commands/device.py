@@ -29,6 +29,11 @@ def add_parser(commands: Any) -> None:
     )
     check = actions.add_parser("check", help="list faults of a configuration file")
     check.add_argument("file", type=Path, metavar="FILE")
+    _add_trial(
+        check,
+        "call the script next to the file even without an approval, with all of your rights; by "
+        "default an approved script is called, another one only compiled",
+    )
     imported = actions.add_parser(
         "import", help="make a device of a node map of VRChat haptics or a Unitouch layout (JSON)"
     )
@@ -42,6 +47,11 @@ def add_parser(commands: Any) -> None:
     approve.add_argument(
         "--hash", help="hash of the version that you have read; other versions are refused"
     )
+    _add_trial(
+        approve,
+        "call the script first, with all of your rights, and refuse the approval if that fails; by "
+        "default the script is only compiled",
+    )
     revoke = actions.add_parser("revoke", help="withdraw an approval; a running script is stopped")
     revoke.add_argument("name", metavar="DEVICE|HASH", help="a device, or a hash of 'scripts'")
     for sub, function in (
@@ -54,6 +64,10 @@ def add_parser(commands: Any) -> None:
         (revoke, _revoke),
     ):
         add_json(sub, function)
+
+
+def _add_trial(parser: argparse.ArgumentParser, text: str) -> None:
+    parser.add_argument("--try", dest="is_tried", action="store_true", help=text)
 
 
 def _list(options: argparse.Namespace, console: Console) -> int:
@@ -99,23 +113,30 @@ def _find(_options: argparse.Namespace, console: Console) -> int:
 
 def _check(options: argparse.Namespace, console: Console) -> int:
     from hfx_blender.devices.configuration import load_device
+    from hfx_blender.devices.live import approval
 
     from .device_faults import faults_of
+    from .script_faults import script_faults
 
     refuse_no_file(options.file)
-    faults = faults_of(options.file)
+    faults, notes = faults_of(options.file), []
+    if not faults:
+        device = load_device(options.file)
+        trial = script_faults(approval.script_of(options.file), device, options.is_tried)
+        faults, notes = [trial.fault] if trial.fault else [], trial.notes
     for fault in faults:
         console.warn(fault)
     if not faults:
         console.say(f"{options.file}: is right")
-        device = load_device(options.file)
         written = device.id if device.side is None else device.id.removesuffix(f"_{device.side}")
         if written != options.file.stem:
             console.say(
                 f"note: its id is '{written}', and files that are written for it are named so; it "
                 f"is found by the name of its file, '{options.file.stem}'"
             )
-    console.result({"file": str(options.file), "faults": faults})
+    for note in notes:
+        console.say(f"note: {note}")
+    console.result({"file": str(options.file), "faults": faults, "notes": notes})
     # Faults are the result of this command: no exception, but the exit code of a bad file.
     return InputError.exit_code if faults else 0
 
@@ -191,12 +212,13 @@ def _script_of(name: str) -> DeviceScript:
 
 
 def _approve(options: argparse.Namespace, console: Console) -> int:
-    """Approve a device's script; InputError for another hash than given, or a configuration with
-    faults. Shipped scripts need no approval. Returns 0."""
-    from hfx_blender.devices.configuration import find_file
+    """Approve a device's script; InputError for another hash than given, or a configuration or
+    script with faults. Shipped scripts need no approval. Returns 0."""
+    from hfx_blender.devices.configuration import find_file, load_device
     from hfx_blender.devices.live import approval
 
     from .device_faults import faults_of
+    from .script_faults import refuse_faulty_script
 
     script = _script_of(options.name)
     path = find_file(options.name)
@@ -216,6 +238,10 @@ def _approve(options: argparse.Namespace, console: Console) -> int:
                 f"{script.path}: its hash is {script.fingerprint}, not {options.hash[:64]}; "
                 "read it again."
             )
+        # After the hash: a trial runs these bytes, which the user has read.
+        device = load_device(options.name)
+        for note in refuse_faulty_script(script, device, options.is_tried):
+            console.say(f"note: {note}")
         approval.approve(script)
         console.say("approved: it runs with all of your rights until a byte of it changes")
     console.result({"script": str(script.path), "hash": script.fingerprint, "is_approved": True})
