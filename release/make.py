@@ -162,7 +162,8 @@ def core_package(folder: Path) -> Path:
 
 def site(folder: Path) -> Path:
     """Build the documentation as web pages; a broken link stops the build. Returns the folder."""
-    _run(sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", folder)
+    # With --quiet, mkdocs drops the warnings before --strict counts them.
+    _run(sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder)
     return folder
 
 

@@ -76,6 +76,14 @@ def test_a_link_without_a_target_is_found(tmp_path: Path) -> None:
     assert broken_links(page) == ["#one", "other.md"]
 
 
+def test_the_menu_of_the_site_lists_each_page_once() -> None:
+    menu = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:\n")[2]
+    listed = re.findall(r"^ +- (?:\w+: )?(\S+\.md)$", menu, re.MULTILINE)
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    of_the_root = {"quick-start.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md"}
+    assert sorted(listed) == sorted(pages | of_the_root)
+
+
 def test_python_files_that_the_compiled_part_names_exist() -> None:
     paths = [f"/{path.relative_to(ROOT).as_posix()}" for path in PACKAGE.rglob("*.py")]
     paths += [f"/release/{path.name}" for path in (ROOT / "release").glob("*.py")]
