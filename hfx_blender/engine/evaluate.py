@@ -65,7 +65,7 @@ class Engine:
         self.scene = scene
         self.tolerance = tolerance
         self.counters = Counters()
-        self.touched: set[str] = set()  # ids of volumes with a response and a contact so far
+        self.touched: set[str] = set()  # ids of surfaces, and volumes with a response, with contact
         self.record = fields = frozenset(record)
         allowed = ON_DEMAND | ON_DEMAND_HERE
         if not fields <= allowed:
@@ -193,4 +193,5 @@ class Engine:
             runs = [self._egocentric.actuators(active, area)]
         else:
             runs = [self._allocentric.surface(active, body, reach) for body in bodies]
+            self.touched |= self._allocentric.surfaces.touched
         return lambda: runs

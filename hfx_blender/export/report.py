@@ -187,7 +187,8 @@ def effect_facts(
 
 
 _NO_ANSWER = "touches a body, but its contact response gives nothing"
-_OF_TIME = (NO_TOUCH, NEVER_ON, _NO_ANSWER)
+_NO_SLIDING = "touches a body, but does not slide along the skin"  # a surface
+_OF_TIME = (NO_TOUCH, NEVER_ON, _NO_ANSWER, _NO_SLIDING)
 _MISSED = {
     "volume": NO_TOUCH,
     "painted": "covers no vertex of the body",
@@ -203,8 +204,8 @@ def _why_missed(
     seen_on: Collection[str],
     warnings: Sequence[str],
 ) -> str:
-    """Predicate why an effect has no samples: its values, never on, a response without output, or
-    no contact. ``times``, ``answering`` and ``seen_on`` as of :func:`effect_facts`."""
+    """Predicate why an effect has no samples: its values, never on, a response without output, no
+    sliding, or no contact. ``times``, ``answering`` and ``seen_on`` as of :func:`effect_facts`."""
     if times is not None and effect.id not in times.is_on:
         if effect.id in times.no_number:
             quantity = times.no_number[effect.id]
@@ -214,8 +215,8 @@ def _why_missed(
     has_response = effect.id in answering
     if has_response and times is None:
         return f"{NO_TOUCH}, or its contact response gives nothing"
-    if has_response and times is not None and effect.id in times.touched:
-        return _NO_ANSWER
+    if times is not None and effect.id in times.touched:
+        return _NO_ANSWER if has_response else _NO_SLIDING
     reason = _MISSED.get(effect.kind, NEVER_ON)
     # A volume flattened at any sample could not be evaluated there.
     flat = f"effect '{effect.name}' {FLATTENED}:"

@@ -428,6 +428,14 @@ def test_unknown_packets_and_checksums_are_passed_over():
     ]
 
 
+def test_texts_that_are_no_utf_8_are_counted():
+    # "c" is the description of the channel, 0xE9 an "é" of Latin-1.
+    stream = wave_stream().replace(packed("c"), b"\x01\xe9")
+    document, notes = document_of(stream, "x")
+    assert document["perceptions"][0]["channels"][0]["description"] == "\ufffd"
+    assert notes == ("1 texts are not UTF-8: other bytes became U+FFFD",)
+
+
 def test_repeated_metadata_changes_nothing():
     # Streams repeat it where a player may join.
     whole = wave_stream()
@@ -460,6 +468,22 @@ def test_hjif_to_hmpg_and_back(tmp_path, capsys):
     # A file that is a quarter of the text, or less.
     sizes = [(tmp_path / name).stat().st_size for name in ("y.hmpg", "z.hjif")]
     assert sizes[0] * 4 < sizes[1]
+
+
+def test_negative_gains_are_noted(tmp_path, capsys):
+    document = sample()
+    channels = document["perceptions"][0]["channels"]
+    channels[0]["gain"] = -2.5
+    (tmp_path / "x.hjif").write_bytes(as_json(document))
+    note = "gains below 0, read as 0, so that their channels are silent: 1"
+    for name in ("y.ahap", "y.hmpg", "y.hjif"):
+        code, out, err = run(capsys, "convert", tmp_path / "x.hjif", tmp_path / name)
+        assert code == 0 and note in out + err
+    channels[0]["gain"] = 0.0
+    (tmp_path / "x.hjif").write_bytes(as_json(document))
+    assert "gains below" not in "".join(
+        map(str, run(capsys, "convert", tmp_path / "x.hjif", tmp_path / "y.ahap"))
+    )
 
 
 @pytest.mark.parametrize("suffix", [".ahap", ".haptic", ".he", ".openxr.json"])

@@ -49,7 +49,7 @@ class AllocentricAreas:
         self._builder = builder
         self._threads = threads
         self._responses = responses
-        self._surfaces = SurfaceEffects(1.0 / float(builder.scene.time.rate_hz), builder.counters)
+        self.surfaces = SurfaceEffects(1.0 / float(builder.scene.time.rate_hz), builder.counters)
 
     def volume(
         self,
@@ -186,7 +186,7 @@ class AllocentricAreas:
         bounds = reach.bounds(body, active.effect.model_id)
         active = replace(active, rows=rows)
         steps_s = self._steps_s(active.block)
-        samples = self._surfaces.evaluate(active, body.id, skin, pose, bounds, steps_s)
+        samples = self.surfaces.evaluate(active, body.id, skin, pose, bounds, steps_s)
         if samples is None:
             return None
         run = self._builder.run(

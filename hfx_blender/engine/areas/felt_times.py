@@ -30,7 +30,7 @@ class FeltTimes:
     is_on: dict[str, bool] = field(default_factory=dict)  # level above 0 at any sample
     # Non-finite quantity of an effect never on: "a value" or "a place".
     no_number: dict[str, str] = field(default_factory=dict)
-    touched: dict[str, bool] = field(default_factory=dict)  # volumes with a contact response
+    touched: dict[str, bool] = field(default_factory=dict)  # volumes with a response, surfaces
     # By effect and body: number, first and last index of the samples with strength.
     felt: dict[str, dict[str, list[int]]] = field(default_factory=dict)
     # Largest dB SL by effect; not raised further once at the detection threshold, 0 dB.

@@ -19,9 +19,11 @@ from ..response_filters.controls import ContactLaw
 from ..scene import EffectBlock, HapticSurface, PoseBlock
 from ..skin.cell_coverage import BodySkin
 from ..texture.contact_path import ContactPaths
+from ..volume.mesh_distance import NearestPlaces
 from ..volume.nearest_surface import nearest_surface
 from .contact_query import Contacts
 
+_STRAIGHT: Final = 0.99  # least cosine between the way to a nearest place and the normal there
 _SLIDING_M_S: Final = 1e-3
 """Speed of full friction; below, friction is proportional to the speed and cannot chatter."""
 
@@ -72,26 +74,53 @@ def surface_forces(
         part, row = np.flatnonzero(paths.time == k), int(rows[k])
         ids, weights = paths.ids[part].astype(np.int32), paths.weights[part]
         triangle, corners = paths.triangle[part], _corners(surface, animated, row)
-        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        # A mirrored object turns its triangles, but not its outside.
-        facing *= np.sign(np.linalg.det(animated.matrices[row, :3, :3]))
-        means = np.zeros((int(surface.triangles.max()) + 1, 3))
-        for corner in surface.triangles.T:
-            np.add.at(means, corner, facing)
-        touching = corners[triangle]
         points = skin.vertices.points(ids, pose, row, pose.to_world[row])
-        offsets = points - np.einsum("nk,nkc->cn", weights, touching)
-        normals = facing[triangle].T / np.linalg.norm(facing[triangle], axis=1)
-        depths = np.maximum(-np.einsum("in,in->n", offsets, normals), 0.0)
-        # At an edge the normal of one triangle cannot tell the sides, the mean at its ends can.
-        mean = np.einsum("nk,nkc->cn", weights, means[surface.triangles[triangle]])
-        depths[np.einsum("in,in->n", offsets, mean) >= 0.0] = 0.0
+        depths, normals = _depths(surface, animated, row, triangle, weights, points)
         before = _corners(surface, animated, row - 1)[triangle]
-        carried = np.einsum("nk,nkc->cn", weights, touching - before)
+        carried = np.einsum("nk,nkc->cn", weights, corners[triangle] - before)
         velocities = _velocities(ids, skin, pose, row, carried, steps_s[row])
         pushed = np.where(depths > 0.0, force(surface.law, depths, velocities, normals), 0.0)
         forces[:, part] = min(max(float(animated.levels[row]), 0.0), 1.0) * pushed
     return np.ascontiguousarray(forces.T, np.float32)
+
+
+def is_deep(
+    surface: HapticSurface, animated: EffectBlock, row: int, points: F64, places: NearestPlaces
+) -> bool:
+    """Test for a point (n, 3), in world space, behind a surface and beyond its reach.
+
+    ``places`` are the nearest places of all n points. A point beside the surface does not count:
+    the way to its place at the boundary is oblique.
+    """
+    depths, _ = _depths(surface, animated, row, places.triangle, places.weights, points.T)
+    is_behind = depths >= _STRAIGHT * places.distance
+    return bool((is_behind & (places.distance > surface.reach_m)).any())
+
+
+def _depths(
+    surface: HapticSurface,
+    animated: EffectBlock,
+    row: int,
+    triangle: I64,
+    weights: F64,
+    points: F64,
+) -> tuple[F64, F64]:
+    """Depths (n,) of points (3, n) behind their triangles, 0 in front, and normals (3, n)."""
+    assert animated.matrices is not None
+    corners = _corners(surface, animated, row)
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # A mirrored object turns its triangles, but not its outside.
+    facing *= np.sign(np.linalg.det(animated.matrices[row, :3, :3]))
+    means = np.zeros((int(surface.triangles.max()) + 1, 3))
+    for corner in surface.triangles.T:
+        np.add.at(means, corner, facing)
+    offsets = points - np.einsum("nk,nkc->cn", weights, corners[triangle])
+    normals = facing[triangle].T / np.linalg.norm(facing[triangle], axis=1)
+    depths = np.maximum(-np.einsum("in,in->n", offsets, normals), 0.0)
+    # At an edge the normal of one triangle cannot tell the sides, the mean at its ends can.
+    mean = np.einsum("nk,nkc->cn", weights, means[surface.triangles[triangle]])
+    depths[np.einsum("in,in->n", offsets, mean) >= 0.0] = 0.0
+    return depths, normals
 
 
 def _corners(surface: HapticSurface, animated: EffectBlock, row: int) -> F64:

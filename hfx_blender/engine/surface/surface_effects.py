@@ -10,7 +10,7 @@ from ..active_rows import ActiveEffect, followed
 from ..arrays import F32, F64, I32, I64, Bool
 from ..body.model import PerceptualModel
 from ..body.parts import PARTS
-from ..contact.contact_force import surface_forces
+from ..contact.contact_force import is_deep, surface_forces
 from ..contact.reachable_bounds import ReachableBounds
 from ..counters import Counters
 from ..modality import MODALITIES
@@ -19,10 +19,12 @@ from ..skin.cell_coverage import BodySkin
 from ..texture.contact_path import ContactFollower, ContactPaths, SurfaceMesh
 from ..texture.contact_rendering import ContactRenderer
 from ..texture.haptic_map import DeviceRange
+from ..volume.mesh_distance import NearestPlaces
 
 _FINGERS = PARTS.index("fingers")
 # Number of points followed together; intermediate arrays fit the processor's cache
 _POINTS_PER_BATCH = 512
+_DEEP = 4  # skin behind a surface with forces is searched up to this multiple of the reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,7 @@ class SurfaceEffects:
         self._step_s = step_s
         self._counters = counters
         self._followed: dict[tuple[str, str], _TrackedContacts] = {}
+        self.touched: set[str] = set()  # ids of surfaces with a contact so far, felt or not
 
     def evaluate(
         self,
@@ -106,23 +109,37 @@ class SurfaceEffects:
         steps_s[np.setdiff1d(np.arange(len(steps_s)), rows[follows])] = 0.0
         self._counters.volume_tests += int(np.count_nonzero(reported))
         time, ids, points = self._near(area, matrices, vertices, skin, pose, bounds, rows)
-        parts = []
+        parts, deep = [], 0
         for part in _parts(np.bincount(time, minlength=len(rows))):
             points_of_part = slice(*np.searchsorted(time, (part.start, part.stop)))
+            placed = matrices[part], vertices[part] if len(vertices) > 1 else vertices
+            times, near = time[points_of_part] - part.start, points[points_of_part]
             paths = tracked.follower.follow(
-                matrices[part],
-                vertices[part] if len(vertices) > 1 else vertices,
-                time[points_of_part] - part.start,
-                ids[points_of_part],
-                points[points_of_part],
-                follows[part],
+                *placed, times, ids[points_of_part], near, follows[part]
             )
             rendered = tracked.renderer.render(paths)
             own = rows[part], reported[part]
+            if reported[part][paths.time[paths.carried :]].any():
+                self.touched.add(effect.id)
             forces = None
             if area.law is not None:
                 forces = surface_forces(area, animated, paths, own[0], skin, pose, steps_s)
+                places, _ = tracked.deep.nearest(*placed, times, near)
+                for k in np.unique(times[places.point]).tolist():
+                    at = np.flatnonzero(times[places.point] == k)
+                    found = NearestPlaces(*(column[at] for column in vars(places).values()))
+                    is_counted = reported[part][k]
+                    deep += is_counted and is_deep(
+                        area, animated, int(own[0][k]), near[found.point], found
+                    )
             parts.append(_gathered(paths, *rendered, animated, *own, area.texture.device, forces))
+        if deep:
+            self._counters.warn(
+                f"surface '{effect.name}': skin stood more than {area.reach_m * 1e3:g} mm behind "
+                "it, where no force is computed; where skin comes from that side, flip its normals "
+                "(Mesh > Normals > Flip)",
+                deep,
+            )
         if tracked.follower.crowded:
             text = f"surface '{effect.name}' touches more than {area.max_contacts} vertices"
             self._counters.warn(
@@ -151,7 +168,7 @@ class SurfaceEffects:
         )
         middle += matrices[:, :3, 3]
         # A turned box spans its half size times the absolute matrix.
-        reach = area.reach_m + np.einsum(
+        reach = _search_m(area) + np.einsum(
             "tij,tj->ti", np.abs(matrices[:, :3, :3]), np.broadcast_to(half, (len(rows), 3))
         )
         # World box of the transformed object box, enlarged by the reach of a touch.
@@ -176,6 +193,11 @@ class SurfaceEffects:
         return time[chosen], ids[chosen].astype(np.int64), places[:, chosen].T
 
 
+def _search_m(area: HapticSurface) -> float:
+    """Largest distance of skin that is looked at, metres: further with forces, for the warning."""
+    return area.reach_m * (1 if area.law is None else _DEEP)
+
+
 def _parts(counts: I64) -> list[slice]:
     """Slices of successive rows with at most 512 points in all, or a single row with more;
     ``counts`` are the points of each row."""
@@ -195,8 +217,10 @@ class _TrackedContacts:
     def __init__(self, area: HapticSurface, model: PerceptualModel, step_s: float) -> None:
         self.index: int | None = None  # last sample index
         self.renderer = ContactRenderer(area.texture, step_s)
+        mesh = SurfaceMesh(area.triangles, area.coordinates_m)
+        self.deep = ContactFollower(mesh, _search_m(area))
         self.follower = ContactFollower(
-            SurfaceMesh(area.triangles, area.coordinates_m),
+            mesh,
             area.reach_m,
             # Forces act on each touched vertex.
             area.max_contacts if area.law is None else sys.maxsize,

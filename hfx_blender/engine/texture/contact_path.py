@@ -94,7 +94,7 @@ class ContactFollower:
         index ``time`` (n,) and ``ids`` (n,), ascending by time, then by id. ``follows`` (T,): a
         time is the sample after the time before, the first after the last call's last.
         """
-        places, space = self._nearest(matrices, vertices, time, points)
+        places, space = self.nearest(matrices, vertices, time, points)
         places = self._chosen(places, time, ids)
         if len(places.point) < len(points):
             time, ids = time[places.point], ids[places.point]
@@ -138,11 +138,12 @@ class ContactFollower:
         rank, _ = ramp(counts)
         return _part(places, np.sort(order[rank < self._max_contacts]))
 
-    def _nearest(
+    def nearest(
         self, matrices: F64, vertices: F64, time: I64, points: F64
     ) -> tuple[NearestPlaces, F64]:
-        """Places of the points within reach; mesh vertices (T or 1, V, 3) in the same space. For a
-        rigid mesh one row of vertices, in the space of the first placement."""
+        """Places of the points within reach, with arguments as of :meth:`follow`; mesh vertices (T
+        or 1, V, 3) in the same space. For a rigid mesh one row of vertices, in the space of the
+        first placement."""
         turns = self._turns(matrices, vertices)
         if turns is not None:
             assert self._still is not None

@@ -24,6 +24,7 @@ def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
     Raises InputError for unreadable files."""
     document = parse(content, name)
     faults = findings(document)
+    silent = _negative_gains(document)
     # Valid files are read as they are; only faulty ones are brought to the standard's form.
     if any(fault.code in _STRUCTURAL and fault.severity == "error" for fault in faults):
         document = in_standard_form(DOCUMENT, document)
@@ -31,7 +32,22 @@ def decode(content: bytes, name: str) -> tuple[dict[str, Any], ToleratedFaults]:
         check(DOCUMENT, document, report)
         refuse_errors([finding for finding in report.findings if finding.code in _FATAL], name)
     notes = refuse_untolerated(faults, name, lambda each: True)
+    if silent:
+        notes = (f"gains below 0, read as 0, so that their channels are silent: {silent}", *notes)
     return known_members(DOCUMENT, document), notes
+
+
+def _negative_gains(value: Any) -> int:
+    """Number of members ``gain`` below 0 in a document, at any depth."""
+    count, waiting = 0, [value]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, dict):
+            gain = item.get("gain")
+            count += isinstance(gain, int | float) and gain < 0
+        if isinstance(item, dict | list):
+            waiting += item.values() if isinstance(item, dict) else item
+    return count
 
 
 _OLD_NAMES: Final = {

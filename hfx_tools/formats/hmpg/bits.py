@@ -32,10 +32,12 @@ def amplitude_code(amplitude: float) -> int:
 
 
 class BitReader:
-    """Reader of consecutive fields of ``data``. Messages of InputError begin with ``place``."""
+    """Reader of consecutive fields of ``data``. Messages of InputError begin with ``place``.
+    The attribute ``replaced_texts`` counts texts that were no UTF-8."""
 
     def __init__(self, data: bytes, place: str) -> None:
         self._data, self.place = data, place
+        self.replaced_texts = 0
         self._at = 0  # bits
 
     def take(self, width: int) -> int:
@@ -60,7 +62,12 @@ class BitReader:
 
     def text(self) -> str:
         """Read a text: its number of bytes, then UTF-8; other bytes become U+FFFD."""
-        return bytes(self.take(8) for _ in range(self.take(8))).decode("utf-8", "replace")
+        content = bytes(self.take(8) for _ in range(self.take(8)))
+        try:
+            return content.decode()
+        except UnicodeDecodeError:
+            self.replaced_texts += 1
+            return content.decode(errors="replace")
 
 
 class BitWriter:

@@ -131,6 +131,7 @@ class _Stream:
         bits = BitReader(content[begin : begin + length], place)
         if kind in self._readers:
             self._readers[kind](bits)
+            self._lost["texts are not UTF-8: other bytes became U+FFFD"] += bits.replaced_texts
         elif kind in syntax.CHECKSUMS:
             self._lost["checksums were not compared"] += 1
         else:

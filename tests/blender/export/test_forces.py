@@ -215,6 +215,48 @@ def test_normals_that_point_inward_are_named(scene: Any) -> None:
     assert not any("inward" in text for text in SceneReader(scene).description.warnings)
 
 
+def warnings_of(folder: Path) -> list[str]:
+    (report,) = folder.glob("*report.json")
+    warnings: list[str] = json.loads(report.read_text())["warnings"]
+    return warnings
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "is_turned", "count"),
+    [(2e-3, False, 0), (8e-3, False, 10), (-8e-3, True, 10), (-8e-3, False, 0), (-30e-3, True, 0)],
+    ids=["pressed", "too deep", "plate faces away", "in front", "far"],
+)
+def test_skin_too_far_behind_a_surface_is_counted(
+    scene: Any, tmp_path: Path, depth_m: float, is_turned: bool, count: int
+) -> None:
+    """A fingertip 8 mm behind a plate in 3 frames, 0.1 s: 10 samples at 100 Hz. Forces end at 5
+    mm."""
+    scene.frame_start, scene.frame_end = 1, 3
+    scene.render.fps = 30
+    plate, _ = plate_at_a_fingertip(scene)
+    plate.location.z += depth_m - 2e-3
+    if is_turned:
+        plate.data.flip_normals()
+    texts = [t for t in warnings_of(exported(scene, tmp_path, "track")) if "behind it" in t]
+    assert len(texts) == bool(count)
+    for text in texts:
+        start = f"surface '{plate.name}': skin stood more than 5 mm behind it, where no force is"
+        assert text.startswith(start) and text.endswith(f"({count} times)")
+
+
+def test_a_surface_that_touches_without_sliding_is_said_to(scene: Any, tmp_path: Path) -> None:
+    scene.frame_start, scene.frame_end = 1, 3
+    plate, _ = plate_at_a_fingertip(scene)
+    plate.hfx.stiffness = 0.0
+    (warning,) = (t for t in warnings_of(exported(scene, tmp_path / "1", "track")) if "felt" in t)
+    assert warning == (
+        f"effect '{plate.name}' touches a body, but does not slide along the skin: it is not felt"
+    )
+    plate.location.z -= 0.5
+    (warning,) = (t for t in warnings_of(exported(scene, tmp_path / "2", "track")) if "felt" in t)
+    assert warning == f"effect '{plate.name}' touches no body: it is not felt"
+
+
 def test_a_surface_pushes_live_and_damps(scene: Any) -> None:
     plate, places = plate_at_a_fingertip(scene)
     plate.hfx.damping = 50.0
