@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy.app.handlers import persistent
 
-from ..blender.events import call_soon, is_painting
+from ..blender.events import call_soon, is_painting, redraw
 from ..errors import InputError
 from . import painting, volumes
 from .effects import effects
@@ -30,6 +30,7 @@ _POLL_S = 0.1
 _synced: dict[int, F64 | None] = {}
 _times_s = {"changed": 0.0, "read": 0.0}  # last change of an effect or canvas, last comparison
 _had_stroke = False  # since the last comparison, in any picture
+_is_missed = False  # the last stroke lay beside the charts
 
 
 def pictures() -> list[bpy.types.Image]:
@@ -105,9 +106,9 @@ def show_undone(*_: object) -> None:
 
 
 def _poll() -> float | None:
-    """Timer: synchronize changed pictures and, after a pause, changed weights; None without any
-    picture."""
-    global _had_stroke
+    """Timer: synchronize changed pictures and, after a pause, changed weights; take strokes beside
+    the charts back. None without any picture."""
+    global _had_stroke, _is_missed
     import numpy as np
 
     if is_painting():
@@ -127,31 +128,48 @@ def _poll() -> float | None:
                         _undo_in_picture(image, before)
                     bpy.ops.ed.undo_push(message="Paint in 2D")
                     return _POLL_S  # undo has replaced the images of this loop
+        if had_stroke and shown is not None and _count_beside(image):
+            with bpy.context.temp_override(window=window):
+                _undo_in_picture(image, _synced.get(image.session_uid))
+            _is_missed = True
+            redraw("IMAGE_EDITOR")
+            return _POLL_S
     if are_weights_due:
         _times_s["read"] = now_s
     return _POLL_S if pictures() else None
 
 
-def note_stroke() -> None:
-    """Note that a stroke in a picture begins; strokes between two comparisons are not seen."""
-    global _had_stroke
-    _had_stroke = True
+def note_press(is_in_picture: bool) -> None:
+    """Note a press of the mouse: in a picture, a stroke may begin, and strokes between two
+    comparisons are not seen. The message about a stroke beside the charts ends."""
+    global _had_stroke, _is_missed
+    _had_stroke |= is_in_picture
+    if _is_missed:
+        _is_missed = False
+        redraw("IMAGE_EDITOR")
+
+
+def is_missed() -> bool:
+    """Test that the last stroke lay beside the charts, and was taken back."""
+    return _is_missed
 
 
 def _undo_in_picture(image: bpy.types.Image, before: F64 | None) -> None:
     """Remove the undo steps of the last strokes in a picture, back to levels ``before`` (V,), but
     keep the weights of the strokes. A single step of the scene, added next, then takes the strokes
-    back on both sides."""
+    back on both sides; strokes beside the charts need none."""
     import numpy as np
 
     uid, weights = image.session_uid, painting.weights_of(image[EFFECT])
     frame = bpy.context.scene.frame_current
-    shown = _shown(image)
-    while not np.array_equal(shown, before):
+    found = _shown(image), _count_beside(image)
+    while found[1] or not np.array_equal(found[0], before):
         bpy.ops.ed.undo()
         image = next(image for image in pictures() if image.session_uid == uid)
-        later, shown = shown, _shown(image)
-        if np.array_equal(shown, later):  # the step of something else
+        later, found = found, (_shown(image), _count_beside(image))
+        if found[1] == later[1] and np.array_equal(
+            found[0], later[0]
+        ):  # the step of something else
             bpy.ops.ed.redo()
             image = next(image for image in pictures() if image.session_uid == uid)
             break
@@ -173,6 +191,18 @@ def _shown(image: bpy.types.Image) -> F64 | None:
         return None
     brightest = pixels_of(image)[cells[:, 1], cells[:, 0], :3].max(axis=1)
     return np.asarray(np.round(brightest.clip(0.0, 1.0) * 255.0), np.float64)
+
+
+def _count_beside(image: bpy.types.Image) -> int:
+    """Count the painted texels beside the charts of a picture."""
+    import numpy as np
+
+    from ..engine.body import atlas
+    from .surfaces.image_values import pixels_of
+
+    cells, _ = atlas.texels(image[MODEL])
+    is_painted = pixels_of(image)[..., 3] > 0.0
+    return int(np.count_nonzero(is_painted) - is_painted[cells[:, 1], cells[:, 0]].sum())
 
 
 def _write(image: bpy.types.Image, weights: F64) -> None:

@@ -103,6 +103,11 @@ def _overridable(kind: Callable[..., object], label: str, tip: str, **options: o
     return kind(name=label, description=tip, override={"LIBRARY_OVERRIDABLE"}, **options)
 
 
+def _constant(kind: Callable[..., object], label: str, tip: str, **options: object) -> object:
+    """Overridable property without keyframes and drivers, as samples have the present value."""
+    return _overridable(kind, label, tip, options=set(), **options)
+
+
 def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> object:
     """Overridable float property with a parameter's default and range, its unit in the tooltip."""
     parameter = next(p for p in MODALITIES[modality].parameters if p.name == name)
@@ -118,16 +123,15 @@ def _parameter(modality: str, name: str, label: str, tip: str, **options: object
 
 
 def _force(label: str, tip: str, default: float, most: float) -> object:
-    """Overridable coefficient of a contact law; not animatable, as a law is read once."""
+    """Overridable coefficient of a contact law."""
     limits = {"default": default, "min": 0.0, "soft_max": most, "max": 100.0 * most}
-    return _overridable(FloatProperty, label, tip, options=set(), **limits)
+    return _constant(FloatProperty, label, tip, **limits)
 
 
-def _share(label: str, tip: str, default: float) -> object:
+def _share(label: str, tip: str, default: float, **options: object) -> object:
     """Overridable float property with a slider from 0 to 1; ``tip`` is the tooltip."""
-    return _overridable(
-        FloatProperty, label, tip, default=default, min=0.0, max=1.0, subtype="FACTOR"
-    )
+    limits = {"default": default, "min": 0.0, "max": 1.0, "subtype": "FACTOR"}
+    return _overridable(FloatProperty, label, tip, **limits, **options)
 
 
 def _length(label: str, tip: str, default: float, **options: object) -> object:
@@ -179,17 +183,27 @@ class HfxActuatorValue(bpy.types.PropertyGroup):
 class HfxResponseFilter(bpy.types.PropertyGroup):
     """Contact response filter with the controls of all kinds. Lengths are in Blender units."""
 
+    # Not animatable: samples of all times have the present values of these five.
     kind: EnumProperty(
-        name="Kind", description="Function of the filter", items=FILTER_KINDS, default="impact"
+        name="Kind",
+        description="Function of the filter",
+        items=FILTER_KINDS,
+        default="impact",
+        options=set(),
     )
     operation: EnumProperty(
         name="Operation",
         description="Operation with the result of the filters above",
         items=OPERATIONS,
+        options=set(),
     )
-    about: EnumProperty(name="From", description="Reference of the measurement", items=ABOUT_WHAT)
-    domain: EnumProperty(name="Over", description="Variable of the sine", items=DOMAINS)
-    is_muted: BoolProperty(name="Mute", description="Leave this filter out")
+    about: EnumProperty(
+        name="From", description="Reference of the measurement", items=ABOUT_WHAT, options=set()
+    )
+    domain: EnumProperty(
+        name="Over", description="Variable of the sine", items=DOMAINS, options=set()
+    )
+    is_muted: BoolProperty(name="Mute", description="Leave this filter out", options=set())
 
     influence: _control(
         "speed", "influence", "Influence", "Influence of this filter", subtype="FACTOR"
@@ -235,17 +249,15 @@ class HfxResponseFilter(bpy.types.PropertyGroup):
 class HfxObjectProperties(bpy.types.PropertyGroup):
     """Haptic properties of an object. Parameters are in SI units and degrees Celsius."""
 
-    role: _overridable(EnumProperty, "Role", "Role of the object in haptics", items=ROLES)
+    role: _constant(EnumProperty, "Role", "Role of the object in haptics", items=ROLES)
     uid: _overridable(StringProperty, "Id", "Permanent id, independent of the object's name")
 
     group: _overridable(
         StringProperty, "Group", "Effects of a group share an expandable row of the list"
     )
     # Equal on all effects of a group. Not animatable: each effect would need the keyframes.
-    is_group_muted: _overridable(
-        BoolProperty, "Mute Group", "Disable all effects of the group", options=set()
-    )
-    group_gain: _overridable(
+    is_group_muted: _constant(BoolProperty, "Mute Group", "Disable all effects of the group")
+    group_gain: _constant(
         FloatProperty,
         "Group Gain",
         "Common factor of the intensities of all effects of the group",
@@ -253,10 +265,9 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         min=0.0,
         max=1.0,
         subtype="FACTOR",
-        options=set(),
     )
 
-    modality: _overridable(
+    modality: _constant(
         EnumProperty,
         "Modality",
         "Kind of sensation, with its own parameters",
@@ -264,7 +275,11 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         update=_redraw_volume,
     )
     kind: EnumProperty(
-        name="Kind", description="Region of the effect", items=KINDS, default="VOLUME"
+        name="Kind",
+        description="Region of the effect",
+        items=KINDS,
+        default="VOLUME",
+        options=set(),
     )
     activation: _overridable(
         FloatProperty,
@@ -281,15 +296,15 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         "temperature", "temperature_c", "Temperature", "Temperature", update=_redraw_volume
     )
     wind_speed: _parameter("wind", "speed_m_s", "Speed", "Speed of the air")
-    temperature_reference: _overridable(
+    temperature_reference: _constant(
         EnumProperty,
         "Reference",
         "Neutral temperature, without a sensation",
         items=TEMPERATURE_REFERENCES,
     )
 
-    is_muted: _overridable(BoolProperty, "Mute", "Disable this effect in live playback and exports")
-    is_solo: _overridable(BoolProperty, "Solo", "Disable effects that are not solo")
+    is_muted: _constant(BoolProperty, "Mute", "Disable this effect in live playback and exports")
+    is_solo: _constant(BoolProperty, "Solo", "Disable effects that are not solo")
 
     shape: _overridable(
         EnumProperty,
@@ -323,11 +338,14 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         min=0.0,
         update=_redraw_volume,
     )
-    falloff: _overridable(
+    falloff: _constant(
         EnumProperty, "Falloff", "Rise of the strength from the boundary inwards", items=FALLOFFS
     )
     falloff_share: _share(
-        "Falloff Share", "Depth of the rise, as a share of the way from boundary to core", 1.0
+        "Falloff Share",
+        "Depth of the rise, as a share of the way from boundary to core",
+        1.0,
+        options=set(),
     )
 
     stiffness: _force(
@@ -393,8 +411,8 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         "Body Models",
         "Ids of the perceptual models of this body, separated by spaces. Empty: the shipped ones",
     )
-    follow: _overridable(EnumProperty, "Follow", "Source of the pose of this body", items=FOLLOWS)
-    felt_layer: _overridable(
+    follow: _constant(EnumProperty, "Follow", "Source of the pose of this body", items=FOLLOWS)
+    felt_layer: _constant(
         EnumProperty, "Felt On", "Layer for haptics if clothes cover skin", items=FELT_LAYERS
     )
     bone_map: CollectionProperty(

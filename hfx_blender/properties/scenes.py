@@ -119,7 +119,10 @@ class HfxDeviceName(bpy.types.PropertyGroup):
         update=_update_live_source,
     )
     is_exported: BoolProperty(
-        name="Export", description="Include this device in exports", default=True
+        name="Export",
+        description="Include this device in exports",
+        default=True,
+        options=set(),
     )
     gain: FloatProperty(
         name="Gain",
@@ -171,6 +174,7 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         min=1.0,
         max=10000.0,
         unit="NONE",
+        options=set(),
     )
     tolerance: EnumProperty(
         name="Tolerance",
@@ -178,6 +182,7 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         "late by the error of motion plus the travel time through the error of the edge",
         items=TOLERANCES,
         default="STANDARD",
+        options=set(),
     )
     equal_feel: BoolProperty(
         name="Equal Feel",
@@ -193,6 +198,7 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         min=0.0,
         max=3600.0,
         unit="TIME_ABSOLUTE",
+        options=set(),
         update=_tag_scene,
     )
     persistence: FloatProperty(
@@ -202,6 +208,7 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         min=0.0,
         max=60.0,
         unit="TIME_ABSOLUTE",
+        options=set(),
         update=_tag_scene,
     )
     time_unit: EnumProperty(
@@ -209,6 +216,7 @@ class HfxSceneProperties(bpy.types.PropertyGroup):
         description="Unit of the times of clips in every panel",
         items=TIME_UNITS,
         default="FRAMES",
+        options=set(),
     )
     list_order: EnumProperty(
         name="Sort By",

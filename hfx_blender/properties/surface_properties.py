@@ -51,8 +51,9 @@ def _request_update(self: HfxSurfaceProperties, _context: bpy.types.Context) -> 
 
 
 def _setting(kind: Callable[..., object], label: str, tip: str, **options: object) -> object:
-    """Property of the type ``kind``, as FloatProperty, whose changes update the maps."""
-    return kind(name=label, description=tip, update=_request_update, **options)
+    """Property of the type ``kind``, as FloatProperty, whose changes update the maps; not
+    animatable, as maps and renderer are the same at all times."""
+    return kind(name=label, description=tip, update=_request_update, options=set(), **options)
 
 
 def _size(label: str, tip: str, default: float) -> object:
@@ -171,7 +172,10 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
         BoolProperty, "Noticeable Steps", "Round to just noticeable differences, 0.2 g and 40 Hz"
     )
     renderer: EnumProperty(
-        name="Renderer", description="Method of rendering the relief as vibration", items=RENDERERS
+        name="Renderer",
+        description="Method of rendering the relief as vibration",
+        items=RENDERERS,
+        options=set(),
     )
     drive: FloatProperty(
         name="Drive (1/mm)",
@@ -179,6 +183,7 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
         "0: the calibrated value",
         min=0.0,
         soft_max=100.0,
+        options=set(),
     )
     sound: PointerProperty(
         name="Friction Sound",

@@ -20,19 +20,28 @@ def texels(model_id: str) -> tuple[I64, tuple[int, int]]:
     """Column and row (V, 2) of each vertex, rows from the bottom, and width and height of the
     picture. Each region, on limbs of one side, is a chart, seen from outside or unrolled around the
     limb. Charts stand in rows by menu group, head on top, the person's right on the left, with a
-    free texel around each."""
+    free texel around each, and spread over the width: their names need room."""
     model = load_model(model_id)
     places, width = np.zeros((len(model), 2), np.int64), int(1.5 * len(model) ** 0.5) + 16
     left = bottom = height = 0
     group = ""
+    rows: list[list[I64]] = []
+    ends = []  # free columns at the right of each row begin here
     for region, chart in charts(model):
         at = _chart(model, chart)
         size = at.max(axis=0) + 2
         if left + size[0] > width or region.group != group:
             left, bottom, height = 0, bottom + height, 0
+            rows.append([])
+            ends.append(0)
         group, width = region.group, max(width, int(size[0]) + 1)
         places[chart] = at + np.array((left + 1, bottom + 1))
         left, height = left + int(size[0]), max(height, int(size[1]))
+        rows[-1].append(chart)
+        ends[-1] = left
+    for row, end in zip(rows, ends, strict=True):
+        for number, chart in enumerate(row):
+            places[chart, 0] += number * (width - end) // len(row)
     return places, (width + 1, bottom + height + 1)
 
 

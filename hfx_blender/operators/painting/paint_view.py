@@ -8,9 +8,10 @@ painting when the user leaves Weight Paint. View and visibility are restored aft
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import partial
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import blf
@@ -43,6 +44,8 @@ _OPACITY = 0.8
 
 _LEAST_PIXELS, _MOST_PIXELS = 4.0, 500.0
 _BRUSH_TEXELS = 3.0  # radius of the brush on an atlas picture
+_GAP = 4.0  # pixels between two names on an atlas picture
+_MISSED = "Nothing painted: the stroke lies beside the charts"
 FILL_TOOL = "hfx.fill_part_tool"
 _FILL_HINT = "Click: fill the part     Ctrl Click: clear the part"
 
@@ -195,27 +198,68 @@ def _frame_picture(window: bpy.types.Window, area: bpy.types.Area) -> None:
 
 
 def _draw_names() -> None:
-    """Name the charts of an atlas picture in the Image Editor, where the names fit."""
-    from ...engine.body import atlas, model
+    """Name the charts of an atlas picture in the Image Editor, and state below the picture that the
+    last stroke changed nothing."""
+    from ...engine.body import model
     from ...playback.preview.drawing import TEXT, write
 
     context = bpy.context
     image, view = context.space_data.image, context.region.view2d
     if image is None or atlas_pictures.MODEL not in image:
         return
-    painted = model.load_model(image[atlas_pictures.MODEL])
-    cells, (width, height) = atlas.texels(painted.id)
-    blf.size(0, 10.0 * context.preferences.system.ui_scale)
+    size = 10.0 * context.preferences.system.ui_scale
+    blf.size(0, size)
     blf.color(0, *TEXT)
     blf.enable(0, blf.SHADOW)
     blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
-    for region, chart in atlas.charts(painted):
-        (left, low), right = cells[chart].min(axis=0), cells[chart, 0].max() + 1
-        x, y = view.view_to_region(left / width, low / height, clip=False)
-        end, _ = view.view_to_region(right / width, 0.0, clip=False)
-        name = region.label if region.group == HEAD else part_name(painted, chart[0])
-        write(translated(name), x, y, end - x)
+    for name, x, y, end in _chart_names(model.load_model(image[atlas_pictures.MODEL]), view):
+        for number, line in enumerate(reversed(_lines(name, end - x))):
+            write(line, x, y + 1.2 * size * number, end - x)
+    if atlas_pictures.is_missed():
+        x, y = view.view_to_region(0.0, 0.0, clip=False)
+        blf.size(0, 1.4 * size)
+        write(translated(_MISSED), max(x, size), max(y - 2.5 * size, size), context.region.width)
     blf.disable(0, blf.SHADOW)
+
+
+def _chart_names(
+    painted: PerceptualModel, view: bpy.types.View2D
+) -> Iterator[tuple[str, float, float, float]]:
+    """Yield names of charts, the lower left corner and the right end of their room, pixels. Two
+    charts beside each other without room for both names share the region's name without a side."""
+    from ...engine.body import atlas
+
+    cells, (width, height) = atlas.texels(painted.id)
+    charts = list(atlas.charts(painted))
+    corners = [cells[chart].min(axis=0).tolist() for _, chart in charts]
+    places = []
+    for (left, low), (right, row) in zip(corners, [*corners[1:], (0, -1)], strict=True):
+        x, y = view.view_to_region(left / width, low / height, clip=False)
+        # The room ends at the next chart of the row or at the edge.
+        end, _ = view.view_to_region((right if row == low else width) / width, 0.0, clip=False)
+        places.append((x, y, end - _GAP))
+    rows = zip(charts, places, strict=True)
+    for _, members in groupby(rows, lambda item: (item[0][0].id, item[1][1])):
+        named = []
+        for (region, chart), place in members:
+            name = region.label if region.group == HEAD else part_name(painted, chart[0])
+            named.append((translated(name), *place))
+        if len(named) > 1 and any(len(_lines(name, end - x)) != 1 for name, x, _, end in named):
+            _, x, y, _ = named[0]
+            named = [(translated(region.label), x, y, named[-1][3])]
+        yield from named
+
+
+def _lines(name: str, width: float) -> list[str]:
+    """Words of a name in lines of at most ``width`` pixels; no lines if a word is wider."""
+    lines: list[str] = []
+    for word in name.split():
+        joined = f"{lines[-1]} {word}" if lines else word
+        if lines and blf.dimensions(0, joined)[0] <= width:
+            lines[-1] = joined
+        else:
+            lines.append(word)
+    return lines if all(blf.dimensions(0, line)[0] <= width for line in lines) else []
 
 
 class SceneBrush:
@@ -318,8 +362,8 @@ class HFX_OT_paint_status(bpy.types.Operator):
                 self._shown = text
                 context.workspace.status_text_set(text or None)
         is_press = (event.type, event.value) == ("LEFTMOUSE", "PRESS")
-        if is_press and _vertex_on_picture(context, event) is not None:
-            atlas_pictures.note_stroke()
+        if is_press:
+            atlas_pictures.note_press(_picture_under(context, event) is not None)
         if canvas.mode == "WEIGHT_PAINT":
             self._brush.fit(context, event)
         # All events pass on: strokes and navigation are Blender's.
@@ -388,16 +432,28 @@ def _vertex_on_picture(context: bpy.types.Context, event: bpy.types.Event) -> in
 
     from ...engine.body import atlas
 
+    found = _picture_under(context, event)
+    if found is None:
+        return None
+    image, place = found
+    cells, size = atlas.texels(image[atlas_pictures.MODEL])
+    apart = abs((cells + 0.5) / size - place) * size
+    vertex = int(np.argmin(apart.max(axis=1)))
+    return vertex if apart[vertex].max() <= 1.5 else None
+
+
+def _picture_under(
+    context: bpy.types.Context, event: bpy.types.Event
+) -> tuple[bpy.types.Image, tuple[float, float]] | None:
+    """Atlas picture in the Image Editor under the mouse, and the place of the mouse, (0, 0) to
+    (1, 1) on the picture; None elsewhere."""
     pictures = atlas_pictures.pictures()
     for area in context.screen.areas:
         image = area.spaces.active.image if area.type == "IMAGE_EDITOR" else None
         region = framing.views(area)[-1]
         x, y = event.mouse_x - region.x, event.mouse_y - region.y
         if image in pictures and framing.holds(region, event.mouse_x, event.mouse_y):
-            cells, size = atlas.texels(image[atlas_pictures.MODEL])
-            apart = abs((cells + 0.5) / size - region.view2d.region_to_view(x, y)) * size
-            vertex = int(np.argmin(apart.max(axis=1)))
-            return vertex if apart[vertex].max() <= 1.5 else None
+            return image, region.view2d.region_to_view(x, y)
     return None
 
 

@@ -145,7 +145,7 @@ class Listening:
             min(max(x, limits.hard_min), limits.hard_max) for x in change.vector or (change.value,)
         )
         self._set.setdefault(effect.name, {})[name] = numbers if change.vector else numbers[0]
-        if self.is_recording and name != "falloff_share":  # read once, with the description
+        if self.is_recording and limits.is_animatable:
             for k, number in enumerate(numbers):
                 self._keys.setdefault((effect.name, path, k), {})[scene.frame_current] = number
         return ""
@@ -253,8 +253,8 @@ def properties_by_parameter(effect: bpy.types.Object) -> dict[str, str]:
 
 
 def _property_of(effect: bpy.types.Object, name: str) -> tuple[str, Any]:
-    """Data path and definition of an animatable number or of a menu of an effect, or of the place
-    of a volume; "" and None without it. Filters of the contact response are named
+    """Data path and definition of a number or of a menu that can be set of an effect, or of the
+    place of a volume; "" and None without it. Filters of the contact response are named
     ``response/0/decay``, strengths of actuators ``drive/0/value``."""
     from ...authoring.effects import effect_values  # needs numpy, which Blender's start does not
 
@@ -270,8 +270,9 @@ def _property_of(effect: bpy.types.Object, name: str) -> tuple[str, Any]:
     elif name in _MENUS:
         return "hfx." + name, owner.bl_rna.properties[name]
     definition = owner.bl_rna.properties.get(name)
-    is_number = definition is not None and definition.type == "FLOAT" and definition.is_animatable
-    return (path + name, definition) if is_number and name not in _UNUSED else ("", None)
+    is_number = definition is not None and definition.type == "FLOAT" and name not in _UNUSED
+    is_set = is_number and (definition.is_animatable or name == "falloff_share")
+    return (path + name, definition) if is_set else ("", None)
 
 
 def _strip_of(effect: bpy.types.Object, name: str) -> bpy.types.NlaStrip | None:

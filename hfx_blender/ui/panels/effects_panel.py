@@ -186,7 +186,7 @@ def _draw_clip(
     # A low area keeps room for the panels below.
     scale, area = bpy.context.preferences.system.ui_scale, bpy.context.area
     is_high = area is not None and area.height >= _HIGH * scale
-    row = box.split(factor=0.42 if is_high else 0.3)
+    row = box.split(factor=0.36 if is_high else 0.3)
     column = row.column(align=True)
     column.template_icon(waveform, scale=6.0 if is_high else 4.0)
     if is_high:

@@ -243,7 +243,10 @@ class HFX_UL_effects(bpy.types.UIList):
             if row.group:
                 title.label(text="", icon="BLANK1")
             icon = "ERROR" if title.alert else MODALITIES[hfx.modality].icon
-            title.prop(effect, "name", text="", icon=icon, emboss=False)
+            if effect.is_editable and effect.override_library is None:
+                title.prop(effect, "name", text="", icon=icon, emboss=False)
+            else:  # a greyed name could not be read in red
+                title.label(text=effect.name, icon=icon, translate=False)
             if shows_body:
                 body = effects.body_in(context.scene, effect)
                 below = column.row()

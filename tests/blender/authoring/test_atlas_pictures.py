@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from hfx_blender.authoring.effects import effects
 from hfx_blender.engine.body import atlas
 from hfx_blender.engine.body.model import load_model
 from hfx_blender.engine.body.parts import PARTS, RIGHT
+from hfx_blender.operators.painting import paint_view
 
 MODEL = "hfx-pressure-1"
 
@@ -65,6 +67,40 @@ def test_the_charts_of_an_atlas_are_apart_and_hold_all_vertices() -> None:
     for k, (left, low, right, high) in enumerate(boxes):
         for left2, low2, right2, high2 in boxes[:k]:
             assert left > right2 or left2 > right or low > high2 or low2 > high
+
+
+class View:
+    """View of a picture with 540 pixels of width, as in half of a window of 1600 pixels."""
+
+    def view_to_region(self, x: float, y: float, clip: bool) -> tuple[float, float]:
+        return 540.0 * x, 630.0 * y
+
+
+@pytest.mark.parametrize("model_id", [MODEL, "hfx-vibration-1"])
+def test_names_of_charts_are_whole_and_apart(model_id: str) -> None:
+    """A name is cut nowhere; a pair of charts that are too narrow shares the region's name."""
+    model = load_model(model_id)
+    cells, (width, _) = atlas.texels(model_id)
+    paint_view.blf.size(0, 10.0)
+    drawn = {}
+    for name, x, y, end in paint_view._chart_names(model, View()):
+        lines = paint_view._lines(name, end - x)
+        assert " ".join(lines) == name, (name, lines, end - x)
+        assert all(paint_view.blf.dimensions(0, line)[0] <= end - x for line in lines)
+        drawn.setdefault(name, []).append((x, y, end))
+    labels = {region.label for region, _ in atlas.charts(model)}
+    assert {name.removesuffix(" (left)").removesuffix(" (right)") for name in drawn} == labels
+    assert {"Face", "Thumbs (left)", "Thumbs (right)", "Calves"} <= drawn.keys()
+    rooms = sorted((y, x, end) for places in drawn.values() for x, y, end in places)
+    for (y, _, end), (y2, x2, _) in pairwise(rooms):
+        assert y != y2 or end < x2
+    # The room of a pair begins at the chart of the right side.
+    [(_, chart), (_, other)] = [
+        (region, chart) for region, chart in atlas.charts(model) if region.label == "Calves"
+    ]
+    [(x, _, end)] = drawn["Calves"]
+    left, right = cells[chart, 0].min(), cells[other, 0].max()
+    assert x == pytest.approx(540.0 * left / width) and end >= 540.0 * right / width - 4.0
 
 
 def test_the_atlas_stands_as_the_body_seen_from_outside() -> None:

@@ -287,7 +287,7 @@ def test_ids_that_look_like_derived_ones(sound_scene: Any, tmp_path: Path) -> No
 # Animated
 
 
-FLOATS = ("activation", "intensity", "radius", "amplitude", "frequency", "falloff_share")
+FLOATS = ("activation", "intensity", "radius", "amplitude", "frequency")
 
 
 def _animated_ball(scene: Any, name: str) -> Any:
@@ -335,7 +335,19 @@ ANIMATED = {
 }
 
 
+def test_blender_offers_no_keyframes_that_nothing_follows(sound_scene: Any) -> None:
+    ball = _animated_ball(sound_scene, "Ball")
+    ball.hfx.response.add()
+    others = ("is_solo", "role", "temperature_reference", "surface.height_mm", "surface.renderer")
+    for path in (*ANIMATED, *others, "response[0].operation"):
+        with pytest.raises(TypeError, match="not animatable"):
+            ball.keyframe_insert(f"hfx.{path}")
+    for path in ("radius", "intensity", "response[0].influence"):
+        assert ball.keyframe_insert(f"hfx.{path}")
+
+
 def test_animation_that_nothing_follows_is_told(sound_scene: Any, tmp_path: Path) -> None:
+    """Files of earlier versions may have such F-curves."""
     for path, (values, _) in ANIMATED.items():
         ball = _animated_ball(sound_scene, f"Animated {path}")
         ball.hfx.response.add().kind = "speed"

@@ -54,6 +54,27 @@ def steps(h: Any) -> Iterator[float]:
                 is_linked() and np.array_equal(weights() > 0.5, states[count]),
                 f"{way}: {count} strokes on both sides, {found} vertices",
             )
+    for place, name in ((free_place(cells, width, height), "beside"), ((0.4, -0.04), "below")):
+        region = h.region("WINDOW", "IMAGE_EDITOR")
+        x, y = region.view2d.view_to_region(*place, clip=False)
+        x, y = region.x + x, h.window.height - (region.y + y)
+        yield from h.drag([(x + step, y) for step in range(-4, 5, 2)])
+        yield 1.5
+        h.shot(f"{name}.png")  # a message under the picture
+        free = np.array(image_of().pixels[3::4]).reshape(height, width)
+        free[cells[:, 1], cells[:, 0]] = 0.0
+        h.check(
+            is_linked() and np.array_equal(weights() > 0.5, states[-1]) and not free.any(),
+            f"a stroke {name} changes nothing, and leaves no paint",
+        )
+    yield from h.move(*h.xy_of((0.3, -0.1, 1.7)))
+    for way, count in (("ctrl+z", 3), ("ctrl+shift+z", 4)):
+        yield from h.key(way)
+        yield 1.5
+        h.check(
+            is_linked() and np.array_equal(weights() > 0.5, states[count]),
+            f"{way} after the strokes beside the charts: {count} strokes",
+        )
     calf = cells[model.part == parts.index("lower_leg")]
     region = h.region("WINDOW", "IMAGE_EDITOR")
     dabs = []
@@ -72,3 +93,13 @@ def steps(h: Any) -> Iterator[float]:
         is_linked() and np.array_equal(weights() > 0.5, states[-1]),
         "one Ctrl+Z takes both dabs back, on both sides",
     )
+
+
+def free_place(cells: np.ndarray, width: int, height: int) -> tuple[float, float]:
+    """Place on an atlas, (0, 0) to (1, 1), that is farthest from all charts and edges."""
+    columns, rows = np.meshgrid(np.arange(0, width, 4), np.arange(0, height, 4))
+    grid = np.column_stack([columns.ravel(), rows.ravel()])
+    apart = np.array([np.abs(cells - at).max(axis=1).min() for at in grid])
+    edge = np.minimum(grid, (width, height) - grid).min(axis=1)
+    column, row = grid[np.argmax(np.minimum(apart, edge))]
+    return (column + 0.5) / width, (row + 0.5) / height
