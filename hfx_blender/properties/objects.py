@@ -104,8 +104,13 @@ def _overridable(kind: Callable[..., object], label: str, tip: str, **options: o
 
 
 def _constant(kind: Callable[..., object], label: str, tip: str, **options: object) -> object:
-    """Overridable property without keyframes and drivers, as samples have the present value."""
+    """Overridable :func:`_steady` property."""
     return _overridable(kind, label, tip, options=set(), **options)
+
+
+def _steady(kind: Callable[..., object], label: str, tip: str, **options: object) -> object:
+    """Property without keyframes and drivers, as samples of all times have the present value."""
+    return kind(name=label, description=tip, options=set(), **options)
 
 
 def _parameter(modality: str, name: str, label: str, tip: str, **options: object) -> object:
@@ -183,27 +188,18 @@ class HfxActuatorValue(bpy.types.PropertyGroup):
 class HfxResponseFilter(bpy.types.PropertyGroup):
     """Contact response filter with the controls of all kinds. Lengths are in Blender units."""
 
-    # Not animatable: samples of all times have the present values of these five.
-    kind: EnumProperty(
-        name="Kind",
-        description="Function of the filter",
-        items=FILTER_KINDS,
-        default="impact",
-        options=set(),
+    kind: _steady(
+        EnumProperty, "Kind", "Function of the filter", items=FILTER_KINDS, default="impact"
     )
-    operation: EnumProperty(
-        name="Operation",
-        description="Operation with the result of the filters above",
+    operation: _steady(
+        EnumProperty,
+        "Operation",
+        "Operation with the result of the filters above",
         items=OPERATIONS,
-        options=set(),
     )
-    about: EnumProperty(
-        name="From", description="Reference of the measurement", items=ABOUT_WHAT, options=set()
-    )
-    domain: EnumProperty(
-        name="Over", description="Variable of the sine", items=DOMAINS, options=set()
-    )
-    is_muted: BoolProperty(name="Mute", description="Leave this filter out", options=set())
+    about: _steady(EnumProperty, "From", "Reference of the measurement", items=ABOUT_WHAT)
+    domain: _steady(EnumProperty, "Over", "Variable of the sine", items=DOMAINS)
+    is_muted: _steady(BoolProperty, "Mute", "Leave this filter out")
 
     influence: _control(
         "speed", "influence", "Influence", "Influence of this filter", subtype="FACTOR"
@@ -274,13 +270,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         items=MODALITY_ITEMS,
         update=_redraw_volume,
     )
-    kind: EnumProperty(
-        name="Kind",
-        description="Region of the effect",
-        items=KINDS,
-        default="VOLUME",
-        options=set(),
-    )
+    kind: _steady(EnumProperty, "Kind", "Region of the effect", items=KINDS, default="VOLUME")
     activation: _overridable(
         FloatProperty,
         "Activation",
@@ -367,9 +357,7 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         # Without USE_INSERTION a library override could change filters, but add none.
         override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"},
     )
-    response_active: IntProperty(
-        name="Filter", description="Selected filter of the response", options=set()
-    )
+    response_active: _steady(IntProperty, "Filter", "Selected filter of the response")
     envelope: _share(
         "Envelope", "Strength of the volume from Bake Response, as a source for drivers", 0.0
     )
@@ -427,14 +415,12 @@ class HfxObjectProperties(bpy.types.PropertyGroup):
         "Storage of the fit of a library override. None: the armature",
         type=bpy.types.Mesh,
     )
-    bone_map_active: IntProperty(
-        name="Row", description="Selected row of the bone table", options=set()
-    )
-    bone_map_region: EnumProperty(
-        name="Show",
-        description="Part of the bone table to show",
+    bone_map_active: _steady(IntProperty, "Row", "Selected row of the bone table")
+    bone_map_region: _steady(
+        EnumProperty,
+        "Show",
+        "Part of the bone table to show",
         items=BONE_REGIONS,
-        options=set(),
         translation_context="HFX",
     )
     bone_map_convention: StringProperty(
