@@ -29,7 +29,8 @@ _POLL_S = 0.1
 # Levels 0..255 (V,) last equal on both sides, by session uid; None: the weights are to be shown.
 _synced: dict[int, F64 | None] = {}
 _times_s = {"changed": 0.0, "read": 0.0}  # last change of an effect or canvas, last comparison
-_had_stroke = False  # since the last comparison, in any picture
+# Since the last comparison, in any picture: a running stroke, and the last press of the mouse.
+_had_stroke, _press = False, ""  # "", "inside" or "outside" of the picture's edges
 _is_missed = False  # the last stroke lay beside the charts
 
 
@@ -108,13 +109,13 @@ def show_undone(*_: object) -> None:
 def _poll() -> float | None:
     """Timer: synchronize changed pictures and, after a pause, changed weights; take strokes beside
     the charts back. None without any picture."""
-    global _had_stroke, _is_missed
+    global _had_stroke, _press, _is_missed
     import numpy as np
 
     if is_painting():
         _had_stroke |= is_painting("PAINT_OT_image_paint")
         return _POLL_S
-    had_stroke, _had_stroke = _had_stroke, False
+    had_stroke, _had_stroke, press, _press = _had_stroke, False, _press, ""
     now_s, window = time.monotonic(), bpy.context.window_manager.windows[0]
     # Reading weights of a canvas takes 20 ms: not during a stroke.
     are_weights_due = _times_s["read"] < _times_s["changed"] < now_s - _POLL_S
@@ -124,13 +125,14 @@ def _poll() -> float | None:
             with suppress(InputError), bpy.context.temp_override(window=window):
                 before = _synced.get(image.session_uid)
                 if sync(image):
-                    if had_stroke:
+                    if had_stroke or press:
                         _undo_in_picture(image, before)
                     bpy.ops.ed.undo_push(message="Paint in 2D")
                     return _POLL_S  # undo has replaced the images of this loop
-        if had_stroke and shown is not None and _count_beside(image):
+        is_empty = had_stroke and press == "outside"
+        if shown is not None and (is_empty or (press and _count_beside(image))):
             with bpy.context.temp_override(window=window):
-                _undo_in_picture(image, _synced.get(image.session_uid))
+                _undo_in_picture(image, _synced.get(image.session_uid), is_empty)
             _is_missed = True
             redraw("IMAGE_EDITOR")
             return _POLL_S
@@ -139,11 +141,13 @@ def _poll() -> float | None:
     return _POLL_S if pictures() else None
 
 
-def note_press(is_in_picture: bool) -> None:
-    """Note a press of the mouse: in a picture, a stroke may begin, and strokes between two
-    comparisons are not seen. The message about a stroke beside the charts ends."""
-    global _had_stroke, _is_missed
-    _had_stroke |= is_in_picture
+def note_press(place: tuple[float, float] | None) -> None:
+    """Note a press of the mouse at a place of a picture, (0, 0) to (1, 1) inside; None elsewhere. A
+    stroke may begin, and strokes between two comparisons are not seen. The message about a stroke
+    beside the charts ends."""
+    global _press, _is_missed
+    if place is not None:
+        _press = "inside" if all(0.0 <= share <= 1.0 for share in place) else "outside"
     if _is_missed:
         _is_missed = False
         redraw("IMAGE_EDITOR")
@@ -154,23 +158,25 @@ def is_missed() -> bool:
     return _is_missed
 
 
-def _undo_in_picture(image: bpy.types.Image, before: F64 | None) -> None:
+def _undo_in_picture(image: bpy.types.Image, before: F64 | None, is_empty: bool = False) -> None:
     """Remove the undo steps of the last strokes in a picture, back to levels ``before`` (V,), but
     keep the weights of the strokes. A single step of the scene, added next, then takes the strokes
-    back on both sides; strokes beside the charts need none."""
+    back on both sides; strokes beside the charts need none. With ``is_empty`` the last stroke, with
+    an undo step, lay outside of the picture."""
     import numpy as np
 
     uid, weights = image.session_uid, painting.weights_of(image[EFFECT])
     frame = bpy.context.scene.frame_current
+    if is_empty:
+        bpy.ops.ed.undo()
+        image = next(image for image in pictures() if image.session_uid == uid)
     found = _shown(image), _count_beside(image)
     while found[1] or not np.array_equal(found[0], before):
         bpy.ops.ed.undo()
         image = next(image for image in pictures() if image.session_uid == uid)
         later, found = found, (_shown(image), _count_beside(image))
-        if found[1] == later[1] and np.array_equal(
-            found[0], later[0]
-        ):  # the step of something else
-            bpy.ops.ed.redo()
+        if found[1] == later[1] and np.array_equal(found[0], later[0]):
+            bpy.ops.ed.redo()  # the step of something else
             image = next(image for image in pictures() if image.session_uid == uid)
             break
     painting.set_weights(image[EFFECT], weights)

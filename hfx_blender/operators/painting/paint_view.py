@@ -363,7 +363,8 @@ class HFX_OT_paint_status(bpy.types.Operator):
                 context.workspace.status_text_set(text or None)
         is_press = (event.type, event.value) == ("LEFTMOUSE", "PRESS")
         if is_press:
-            atlas_pictures.note_press(_picture_under(context, event) is not None)
+            found = _picture_under(context, event)
+            atlas_pictures.note_press(None if found is None else found[1])
         if canvas.mode == "WEIGHT_PAINT":
             self._brush.fit(context, event)
         # All events pass on: strokes and navigation are Blender's.
