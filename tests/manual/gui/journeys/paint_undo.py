@@ -61,7 +61,7 @@ def steps(h: Any) -> Iterator[float]:
         yield from h.drag([(x + step, y) for step in range(-4, 5, 2)])
         yield 1.5
         h.shot(f"{name}.png")  # a message under the picture
-        free = np.array(image_of().pixels[3::4]).reshape(height, width)
+        free = np.array(image_of().pixels[:])[3::4].reshape(height, width)
         free[cells[:, 1], cells[:, 0]] = 0.0
         h.check(
             is_linked() and np.array_equal(weights() > 0.5, states[-1]) and not free.any(),
