@@ -31,7 +31,7 @@ _synced: dict[int, F64 | None] = {}
 _times_s = {"changed": 0.0, "read": 0.0}  # last change of an effect or canvas, last comparison
 # Since the last comparison, in any picture: a running stroke, and the last press of the mouse.
 _had_stroke, _press = False, ""  # "", "inside" or "outside" of the picture's edges
-_is_missed = False  # the last stroke lay beside the charts
+_is_missed = False  # the last stroke lay outside of the charts
 
 
 def pictures() -> list[bpy.types.Image]:
@@ -107,8 +107,8 @@ def show_undone(*_: object) -> None:
 
 
 def _poll() -> float | None:
-    """Timer: synchronize changed pictures and, after a pause, changed weights; take strokes beside
-    the charts back. None without any picture."""
+    """Timer: synchronize changed pictures and, after a pause, changed weights; take strokes outside
+    of the charts back. None without any picture."""
     global _had_stroke, _press, _is_missed
     import numpy as np
 
@@ -130,7 +130,7 @@ def _poll() -> float | None:
                     bpy.ops.ed.undo_push(message="Paint in 2D")
                     return _POLL_S  # undo has replaced the images of this loop
         is_empty = had_stroke and press == "outside"
-        if shown is not None and (is_empty or (press and _count_beside(image))):
+        if shown is not None and (is_empty or (press and _count_outside(image))):
             with bpy.context.temp_override(window=window):
                 _undo_in_picture(image, _synced.get(image.session_uid), is_empty)
             _is_missed = True
@@ -144,7 +144,7 @@ def _poll() -> float | None:
 def note_press(place: tuple[float, float] | None) -> None:
     """Note a press of the mouse at a place of a picture, (0, 0) to (1, 1) inside; None elsewhere. A
     stroke may begin, and strokes between two comparisons are not seen. The message about a stroke
-    beside the charts ends."""
+    outside of the charts ends."""
     global _press, _is_missed
     if place is not None:
         _press = "inside" if all(0.0 <= share <= 1.0 for share in place) else "outside"
@@ -154,15 +154,15 @@ def note_press(place: tuple[float, float] | None) -> None:
 
 
 def is_missed() -> bool:
-    """Test that the last stroke lay beside the charts, and was taken back."""
+    """Test that the last stroke lay outside of the charts, and was taken back."""
     return _is_missed
 
 
 def _undo_in_picture(image: bpy.types.Image, before: F64 | None, is_empty: bool = False) -> None:
     """Remove the undo steps of the last strokes in a picture, back to levels ``before`` (V,), but
     keep the weights of the strokes. A single step of the scene, added next, then takes the strokes
-    back on both sides; strokes beside the charts need none. With ``is_empty`` the last stroke, with
-    an undo step, lay outside of the picture."""
+    back on both sides; strokes outside of the charts need none. With ``is_empty`` the last stroke,
+    with an undo step, lay outside of the picture."""
     import numpy as np
 
     uid, weights = image.session_uid, painting.weights_of(image[EFFECT])
@@ -170,11 +170,11 @@ def _undo_in_picture(image: bpy.types.Image, before: F64 | None, is_empty: bool 
     if is_empty:
         bpy.ops.ed.undo()
         image = next(image for image in pictures() if image.session_uid == uid)
-    found = _shown(image), _count_beside(image)
+    found = _shown(image), _count_outside(image)
     while found[1] or not np.array_equal(found[0], before):
         bpy.ops.ed.undo()
         image = next(image for image in pictures() if image.session_uid == uid)
-        later, found = found, (_shown(image), _count_beside(image))
+        later, found = found, (_shown(image), _count_outside(image))
         if found[1] == later[1] and np.array_equal(found[0], later[0]):
             bpy.ops.ed.redo()  # the step of something else
             image = next(image for image in pictures() if image.session_uid == uid)
@@ -199,8 +199,8 @@ def _shown(image: bpy.types.Image) -> F64 | None:
     return np.asarray(np.round(brightest.clip(0.0, 1.0) * 255.0), np.float64)
 
 
-def _count_beside(image: bpy.types.Image) -> int:
-    """Count the painted texels beside the charts of a picture."""
+def _count_outside(image: bpy.types.Image) -> int:
+    """Count the painted texels outside of the charts of a picture."""
     import numpy as np
 
     from ..engine.body import atlas

@@ -45,7 +45,7 @@ _OPACITY = 0.8
 _LEAST_PIXELS, _MOST_PIXELS = 4.0, 500.0
 _BRUSH_TEXELS = 3.0  # radius of the brush on an atlas picture
 _GAP = 4.0  # pixels between two names on an atlas picture
-_MISSED = "Nothing painted: the stroke lies beside the charts"
+_MISSED = "Nothing painted: the stroke lies outside of the charts"
 FILL_TOOL = "hfx.fill_part_tool"
 _FILL_HINT = "Click: fill the part     Ctrl Click: clear the part"
 
