@@ -170,12 +170,12 @@ def _undo_in_picture(image: bpy.types.Image, before: F64 | None, is_empty: bool 
     if is_empty:
         bpy.ops.ed.undo()
         image = next(image for image in pictures() if image.session_uid == uid)
-    found = _shown(image), _count_outside(image)
-    while found[1] or not np.array_equal(found[0], before):
+    state = _shown(image), _count_outside(image)
+    while state[1] or not np.array_equal(state[0], before):
         bpy.ops.ed.undo()
         image = next(image for image in pictures() if image.session_uid == uid)
-        later, found = found, (_shown(image), _count_outside(image))
-        if found[1] == later[1] and np.array_equal(found[0], later[0]):
+        later, state = state, (_shown(image), _count_outside(image))
+        if state[1] == later[1] and np.array_equal(state[0], later[0]):
             bpy.ops.ed.redo()  # the step of something else
             image = next(image for image in pictures() if image.session_uid == uid)
             break

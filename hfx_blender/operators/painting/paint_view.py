@@ -226,7 +226,7 @@ def _chart_names(
     painted: PerceptualModel, view: bpy.types.View2D
 ) -> Iterator[tuple[str, float, float, float]]:
     """Yield names of charts, the lower left corner and the right end of their room, pixels. Two
-    charts beside each other without room for both names share the region's name without a side."""
+    neighbouring charts without room for both names share the region's name without a side."""
     from ...engine.body import atlas
 
     cells, (width, height) = atlas.texels(painted.id)
@@ -363,8 +363,8 @@ class HFX_OT_paint_status(bpy.types.Operator):
                 context.workspace.status_text_set(text or None)
         is_press = (event.type, event.value) == ("LEFTMOUSE", "PRESS")
         if is_press:
-            found = _picture_under(context, event)
-            atlas_pictures.note_press(None if found is None else found[1])
+            under_mouse = _picture_under(context, event)
+            atlas_pictures.note_press(under_mouse[1] if under_mouse else None)
         if canvas.mode == "WEIGHT_PAINT":
             self._brush.fit(context, event)
         # All events pass on: strokes and navigation are Blender's.
@@ -433,10 +433,10 @@ def _vertex_on_picture(context: bpy.types.Context, event: bpy.types.Event) -> in
 
     from ...engine.body import atlas
 
-    found = _picture_under(context, event)
-    if found is None:
+    under_mouse = _picture_under(context, event)
+    if under_mouse is None:
         return None
-    image, place = found
+    image, place = under_mouse
     cells, size = atlas.texels(image[atlas_pictures.MODEL])
     apart = abs((cells + 0.5) / size - place) * size
     vertex = int(np.argmin(apart.max(axis=1)))
