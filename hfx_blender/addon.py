@@ -2,6 +2,7 @@
 """Registers the add-on's modules with Blender, in order."""
 
 import atexit
+from importlib.util import find_spec
 
 from . import cli, operators, ui
 from .authoring import handlers
@@ -23,7 +24,17 @@ def register() -> None:
 
     Blender's Python module shuts down after Python. Classes still registered then hang the process
     or crash Blender 4.5; a full Blender unregisters add-ons itself.
+
+    Raises ModuleNotFoundError in a Blender without NumPy.
     """
+    if find_spec("numpy") is None:  # not among the packages that Debian 13 installs with Blender
+        raise ModuleNotFoundError(
+            translation.translated(
+                "HFX Haptics needs NumPy, which the Python of this Blender lacks. "
+                "Debian and Ubuntu: sudo apt install python3-numpy"
+            ),
+            name="numpy",
+        )
     for module in _MODULES:
         module.register()
     if not inside_blender():

@@ -72,6 +72,17 @@ def test_off_is_as_if_it_had_never_been_there(unregistered: None) -> None:
     assert not any(traces.values()), traces
 
 
+def test_a_blender_without_numpy_is_refused_with_the_package_to_install(
+    unregistered: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = _traces()
+    with monkeypatch.context() as without_numpy:
+        without_numpy.setitem(sys.modules, "numpy", None)
+        with pytest.raises(ModuleNotFoundError, match=r"NumPy, .* apt install python3-numpy$"):
+            hfx_blender.register()
+    assert _traces() == before
+
+
 def test_on_again_is_as_before(scene: Any) -> None:
     before = _traces()
     assert before["types"] and before["operators"]
