@@ -33,7 +33,14 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(lambda: browser(h) is not None, "a file browser opens", 20)
     operator = browser(h).spaces.active.active_operator
     h.check(operator.bl_idname == "HFX_OT_export", "the entry of the menu opens the export")
+    purposes = yield from h.radios()
+    left = max(x for x, _ in purposes)
+    column = sorted((y, x) for x, y in purposes if abs(x - left) < 40)
+    y, x = column[-3]  # My Own Hardware; the pad's form fits bHaptics, too
+    yield from h.click(x, y)
+    yield 1.0
     h.shot("2_browser.png")
+    h.check(operator.properties.formats == {"track", "csv"}, "track and CSV are chosen")
     track = h.out / "back.hfxtrack"
     yield from h.save_as(track)
     yield from h.until(track.exists, "the track is written", 120)
