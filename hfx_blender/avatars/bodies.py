@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Haptic bodies in the scene: the built-in avatar, marking an armature."""
 
-from __future__ import annotations
-
 import sys
 import uuid
 from collections.abc import Callable, Generator, Sequence

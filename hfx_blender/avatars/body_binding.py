@@ -6,8 +6,6 @@ Further deformation (Preserve Volume, shape keys, cloth ...) is evaluated by Ble
 perceptual vertices are anchored to the evaluated surface.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 

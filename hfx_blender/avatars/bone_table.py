@@ -5,8 +5,6 @@ The table is stored on the armature object (``hfx.bone_map``, a row per canonica
 by the next fit. The mapping can be saved as JSON, and loaded for an avatar of the same bone names.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

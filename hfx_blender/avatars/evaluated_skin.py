@@ -8,8 +8,6 @@ The type of a modifier decides in a single case: a simulation, a cache file or a
 with time cannot be measured at a single time (:data:`_CHANGING`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final

@@ -5,8 +5,6 @@ Vertices of a copy store their number as an attribute, which Blender's modifiers
 evaluated vertex is recognised as an original vertex (or its duplicate), or as new.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mesh objects of a body's perceptual model that follow its armature, for display and painting."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import islice
 

@@ -8,8 +8,6 @@ fit of an overridden armature is stored on a local mesh without users in the sce
 ``hfx.fit_kept``.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

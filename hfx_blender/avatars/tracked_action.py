@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Recording of a tracked rig as an action of keyframes, one a frame."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 from mathutils import Matrix

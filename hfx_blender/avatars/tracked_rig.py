@@ -6,8 +6,6 @@ person's axes: X to the left, Y to the back, Z up. Arms of a rig at rest in anot
 to the T-pose first. Rotations are copied; only the hips move, scaled to the rig's hip height.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Haptic bodies: built-in avatar, fit to an avatar, bone table, shown models, walk."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Generator
 from functools import cache
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Views of the 3D viewport: framing of objects, saved and restored views; height of timelines."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import partial
 from math import tau

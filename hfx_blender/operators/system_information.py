@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Copying of the facts of ``hfx doctor`` in Blender."""
 
-from __future__ import annotations
-
 import bpy
 
 from .shared import HfxOperator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pixels of Blender's images as arrays, for all depths and colour spaces."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sources of a surface's relief: material, image, scan, or library."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import bpy

@@ -6,8 +6,6 @@ blocks Blender: automatic bakes happen only while the maps are displayed, and if
 was quick. Otherwise the maps are marked as outdated.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 import zlib

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """UV map of a mesh as the map of a haptic surface: size of a UV unit, areas."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import bpy

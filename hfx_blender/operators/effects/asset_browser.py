@@ -5,8 +5,6 @@ While HFX is enabled, the user's preferences list the library of built-in sensat
 asset and the effects in its place are one undo step.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from functools import partial
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clips on the timeline of an effect."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import ClassVar
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Effects dragged out in the viewport: sphere, box, wind, point on the skin."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import bpy

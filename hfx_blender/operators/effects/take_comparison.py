@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blind comparison of two effects while the timeline loops."""
 
-from __future__ import annotations
-
 import random
 from typing import ClassVar
 

@@ -4,8 +4,6 @@
 Addresses and ports are stored with the user's settings, never in a .blend.
 """
 
-from __future__ import annotations
-
 import json
 from typing import Any, Final
 

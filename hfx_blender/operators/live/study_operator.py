@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Start of a study's session by pip's ``hfx``, whose page opens in the browser."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Draws the path of a point on the skin with the mouse, on the posed avatar."""
 
-from __future__ import annotations
-
 import math
 import time
 from contextlib import suppress

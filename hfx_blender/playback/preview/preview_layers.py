@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Layers of the preview: colours over avatars and glowing actuators, for the current samples."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import bpy

@@ -4,8 +4,6 @@
 Equal to the colours of ``engine.colouring``, but computed at coloured vertices only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ Rows depend on folded objects, which Blender's API does not name. A row with str
 background at strips alone.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 

@@ -4,8 +4,6 @@
 Effects of a group (rain, a sensation) share a row of the timeline.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterable, Iterator
 from itertools import pairwise, zip_longest

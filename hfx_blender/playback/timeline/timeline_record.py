@@ -6,8 +6,6 @@ Same path as an export (reader, engine, renderer), at the tolerance of preview a
 Records are in memory only.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Panels of the active haptic body: avatar, bone table, quality of the fit."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 

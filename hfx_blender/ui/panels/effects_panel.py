@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Panels of the scene: all effects, clips, export, sound and video."""
 
-from __future__ import annotations
-
 import bpy
 
 from ...authoring import clips, media

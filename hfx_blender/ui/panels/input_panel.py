@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Panel of live input: tracked bodies, and values received by OSC."""
 
-from __future__ import annotations
-
 import bpy
 
 from ...blender.translation import translated

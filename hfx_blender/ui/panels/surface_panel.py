@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Panels of the active object's haptic surface, and of material generation."""
 
-from __future__ import annotations
-
 import bpy
 
 from ...authoring.surfaces import surface_updates, surfaces
