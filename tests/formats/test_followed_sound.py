@@ -166,6 +166,10 @@ def test_kicks_that_ring_for_long_are_found(rate: int, hertz: float, decay_s: fl
         (500.0, 0.03, 0.08),
         (500.0, 0.015, 0.06),
         (200.0, 0.02, 0.06),
+        (150.0, 0.03, 0.06),
+        (1000.0, 0.03, 0.06),
+        (40.0, 0.005, 0.12),
+        (40.0, 0.06, 0.3),
     ),
 )
 def test_regular_fast_beats_are_found(

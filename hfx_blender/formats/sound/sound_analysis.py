@@ -36,15 +36,15 @@ _QUIET_DB: Final = -40.0  # level that counts as silence, relative to the loudes
 _RISE_DB: Final = 9.5
 _RISE_OF_ALL_DB: Final = 6.0  # the same for the mean level of all bands
 _RARE: Final = 4.0  # multiple of the usual rises of a band that an onset exceeds
-_RARE_BEAT: Final = 3.0  # the same, of a lower percentile, where the whole sound rises
+_RARE_BEAT: Final = 9.0  # the same, of a lower percentile, where the whole sound rises
 _APART: Final = 25  # frames between two onsets, at least
 _PERIOD: Final = 30  # frames: pulses closer than this are a tone
-_FAST_PERIOD: Final = 18  # the same, where the whole sound beats fast
+_FAST_PERIOD: Final = 10  # the same, where the whole sound beats fast
 _DENSE: Final = 0.07  # share of frames in beats from which on they are fast
 _LAG: Final = 4  # frames of the rise of an onset, at least
 _CUT: Final = 15  # frames before the end of a sound that its end disturbs
 _GAP: Final = 12  # frames around a gap without onsets
-_PART: Final = 0.01  # least share of the power in bands with an onset
+_PART: Final = 0.002  # least share of the power in bands with an onset
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,13 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     is_near = maximum_filter1d(is_beat, 21)[:, None]
     is_dense = uniform_filter1d(is_beat.astype(float), _NEAR // 2)[:, None] > _DENSE
     slow, fast = (
-        np.stack([_largest(level[:, k], -n, -max(lag, _LAG)) for k, lag in enumerate(lags)], 1)
+        np.stack(
+            [
+                _largest(level[:, k], -max(n, lag + 2), -max(lag, _LAG))
+                for k, lag in enumerate(lags)
+            ],
+            axis=1,
+        )
         for n in (_PERIOD, _FAST_PERIOD)
     )
     rise = np.maximum(level - np.where(is_dense, fast, slow), 0.0)
