@@ -42,6 +42,8 @@ from .stepped.stepped_reading import SceneRow, SteppedReading
 BLOCK_SIZE = 64
 """Samples in a block. Blocks start at multiples, so that results are independent of the range."""
 
+_FEW_EFFECTS = 8  # largest number of effects with blocks of twice the size: memory suffices
+
 _STEPPED_SIZE = 32
 """Largest block of a stepped scene: evaluation starts sooner, and a cancel takes effect sooner."""
 
@@ -244,6 +246,9 @@ class SceneReader:
             if self.instances.descriptions:
                 own = stack.enter_context(self.instances.stepper())
             size = min(BLOCK_SIZE, _STEPPED_SIZE) if plan.reason else BLOCK_SIZE
+            # With impacts the report's counters include the neighbours of each block.
+            few = len(self.description.effects) <= _FEW_EFFECTS and not self._has_impacts
+            size *= 2 if few and not plan.reason else 1
             for indices in contiguous_blocks(sample_indices, size):
                 # Neighbouring samples are read with the block, so that results do not depend on the
                 # split of time.
