@@ -74,17 +74,20 @@ def _keep_own(on: Bool, block: AnimationBlock) -> None:
 def with_directions(
     effects: Sequence[EffectDescription], block: AnimationBlock, counters: Counters
 ) -> AnimationBlock:
-    """Block with wind directions (0, 0, 0) replaced by +Z; the block itself if unchanged. Warns of
-    effects other than volumes and surfaces, where on."""
+    """Block with wind directions (0, 0, 0) replaced by +Z; the block itself if none is on.
+    Warns of effects other than volumes and surfaces, where on."""
     replaced: dict[int, EffectBlock] = {}
     for k, (effect, animated) in enumerate(zip(effects, block.effects, strict=True)):
-        if effect.modality != "wind" or animated.parameters[:, 1:4].any(axis=1).all():
+        if effect.modality != "wind":
             continue
         still = ~animated.parameters[:, 1:4].any(axis=1)
+        lost = still & (animated.levels > 0.0)
+        if not lost.any():
+            continue
         parameters = animated.parameters.copy()
         parameters[still, 1:4] = 0.0, 0.0, 1.0
         replaced[k] = replace(animated, parameters=parameters)
-        count = int(np.count_nonzero((still & (animated.levels > 0.0))[block.own]))
+        count = int(np.count_nonzero(lost[block.own]))
         if count and animated.matrices is None:  # contacts warn of flattened volumes
             text = f"effect '{effect.name}': its Z axis has no direction; its wind blows to +Z"
             counters.warn(text, count)

@@ -157,7 +157,7 @@ class ArrayOf:
         """Memory address of an array; a converted copy is appended to ``kept``. Raises TypeError
         for another kind of number, and, for writing, for another type or an array that is not
         contiguous."""
-        if array.dtype is self._first:
+        if not self._types or array.dtype in self._types:
             try:
                 return _address(_start(array))
             except (TypeError, ValueError):

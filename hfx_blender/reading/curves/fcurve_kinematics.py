@@ -157,11 +157,13 @@ class PlainObject:
         mode = self._mode
 
         def of(name: str) -> F64:
-            """Values (T, width) of a property; components without a curve as at construction."""
+            """Values (T, width) of a property, (1, width) if no component has a curve; components
+            without a curve keep the value at construction."""
             still = self._still[name]
-            values = np.repeat(still[None], len(sampled), axis=0)
-            for index in range(len(still)):
-                column = self.values.columns.get((name, index))
+            columns = [self.values.columns.get((name, index)) for index in range(len(still))]
+            is_still = all(column is None for column in columns)
+            values = np.repeat(still[None], 1 if is_still else len(sampled), axis=0)
+            for index, column in enumerate(columns):
                 if column is not None:
                     values[:, index] = sampled[:, column]
             return values
@@ -172,9 +174,8 @@ class PlainObject:
             turned = rotations(of("delta_rotation_quaternion"), mode) @ turned
         elif mode != "AXIS_ANGLE":
             turned = rotations(of("delta_rotation_euler"), mode) @ turned
-        return transforms(
-            of("location") + of("delta_location"), turned, of("scale") * of("delta_scale")
-        )
+        places = np.broadcast_to(of("location") + of("delta_location"), (len(sampled), 3))
+        return transforms(places, turned, of("scale") * of("delta_scale"))
 
 
 class PlainRig:

@@ -97,6 +97,8 @@ def are_close(one: npt.ArrayLike, two: npt.ArrayLike) -> npt.NDArray[np.bool_]:
 def effect_block(rows: Sequence[EffectRow], modality: str) -> EffectBlock:
     """Block of an effect from rows in the order of time (T). Missing parameters are 0, missing
     matrices the identity; without any matrix there are no shapes, response and vertices."""
+    if all(row.parameters is None and row.level == 0.0 for row in rows):
+        return silence(len(rows), modality)
     count = len(MODALITIES[modality].parameters)
     blank = [0.0] * count
     parameters = np.array([row.parameters or blank for row in rows], np.float64)
@@ -142,10 +144,14 @@ def pose_block(rows: Sequence[PoseRow | None]) -> PoseBlock:
     if first is None:
         return PoseBlock(valid, np.zeros((len(rows), 4, 4)))
     filled = [first if row is None else row for row in rows]
+    bones = None
+    if first.bones is not None:
+        # In C order: otherwise each call of the compiled library would copy these matrices.
+        bones = np.array([row.bones for row in filled], np.float64, order="C")
     return PoseBlock(
         valid,
         np.stack([row.to_world for row in filled]),
-        None if first.bones is None else np.stack([row.bones for row in filled]).astype(np.float64),
+        bones,
         None if first.surface is None else np.stack([row.surface for row in filled]),
     )
 
