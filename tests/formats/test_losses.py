@@ -274,6 +274,23 @@ def test_sharpness_above_its_range_stays_at_its_limit():
     assert actual.frequency_hz.at([0.25, 0.5, 0.75]) == pytest.approx([192.5, 230.0, 230.0])
 
 
+def test_successive_events_of_he_join_without_a_gap():
+    """In binary numbers 0.257 + 0.292 is less than 0.549."""
+    point = {"Intensity": 1.0, "Frequency": 0}
+    pattern_list = []
+    for start, duration in ((257, 292), (549, 100)):
+        curve = [{"Time": time, **point} for time in (0, 0, duration, duration)]
+        parameters = {"Intensity": 50, "Frequency": 40, "Curve": curve}
+        event = {"Type": "continuous", "RelativeTime": 0, "Duration": duration, "Index": 0}
+        pattern = [{"Event": {**event, "Parameters": parameters}}]
+        pattern_list.append({"AbsoluteTime": start, "Pattern": pattern})
+    document = {"Metadata": {"Version": 2}, "PatternList": pattern_list}
+    (actual,), _ = he.decode(encoded(document), "x.he")
+    times, levels = actual.amplitude.times_s, actual.amplitude.values
+    assert levels[(times > 0.2571) & (times < 0.6489)] == pytest.approx(0.5)
+    assert 0.549 in times
+
+
 def test_a_zero_error_is_reported_as_none():
     one = signal([0.5, 0.5])
     assert error_note([(one, one)]) == "keyframes are within 0.00% of full scale and 0.0 Hz"

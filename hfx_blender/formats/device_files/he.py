@@ -290,7 +290,7 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
         elif "Duration" not in event:
             endless += 1
         else:
-            pieces.setdefault(index, []).append(_piece(event, start, level, pitch, frequencies))
+            pieces.setdefault(index, []).append(_piece(event, start_ms, level, pitch, frequencies))
             end_s = max(end_s, pieces[index][-1].end_s)
     # HFX's own descriptions end with "; 0 to 100 is LOW to HIGH Hz".
     label = title.partition(";")[0] or Path(name).stem
@@ -338,18 +338,19 @@ def _absolute_events(document: dict[str, Any]) -> list[tuple[int, int, dict[str,
 
 
 def _piece(
-    event: dict[str, Any], start: float, level: float, pitch: float, frequencies: FrequencyRange
+    event: dict[str, Any], start_ms: int, level: float, pitch: float, frequencies: FrequencyRange
 ) -> Piece:
-    """Piece of a continuous event at ``start`` s; constant ``level`` and ``pitch`` without a curve.
+    """Piece of an event at ``start_ms``; constant ``level`` and ``pitch`` without a curve.
     ``level`` (1: full) scales and ``pitch`` (0 to 100) shifts the points of a curve, which may be
     in any order; shifted frequencies are clipped to the range."""
     curve = event["Parameters"].get("Curve")
-    end = start + event["Duration"] / 1000.0
+    # Sums in milliseconds are exact, so that the end of an event is the start of the next.
+    start, end = start_ms / 1000.0, (start_ms + event["Duration"]) / 1000.0
     if not curve:
         hertz = Curve.of([start], frequencies.hertz([pitch / 100]))
         return Piece(start, end, Curve.of([start], [level]), hertz)
     curve = sorted(curve, key=lambda point: point["Time"])
-    times = start + np.array([point["Time"] for point in curve], np.float64) / 1000.0
+    times = np.array([start_ms + point["Time"] for point in curve], np.float64) / 1000.0
     # Foreign values are clipped far outside the range, so products stay finite; mixing clips to
     # full scale.
     levels = level * np.clip([float(point["Intensity"]) for point in curve], -_MOST, _MOST)
