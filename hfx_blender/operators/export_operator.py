@@ -37,7 +37,7 @@ _RECORD_ITEMS = (
 _LINE = 36  # letters in a line of the file browser's sidebar
 _NAMED = 3  # number of files named in the report
 _POPUP_LINE, _LINES = 90, 4  # letters, and lines, of a sentence
-_WARNINGS, _EFFECTS = 8, 20  # limits of the popup
+_WARNINGS, _EFFECTS = 8, 12  # limits of the popup: with two lines each, a window holds them
 _REPORT = "Haptic Export Report"
 _PURPOSES: dict[str, tuple[str, str, set[str], str]] = {
     "GAME": ("My Game", "Game Clip, for the players in games", {"clip"}, "oculus_touch"),
