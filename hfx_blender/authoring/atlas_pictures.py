@@ -8,6 +8,7 @@ weight. The picture is an image of the file, which the Image Editor and other pr
 from __future__ import annotations
 
 import time
+import zlib
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -22,8 +23,9 @@ from .effects import effects
 if TYPE_CHECKING:
     from ..engine.arrays import F64
 
-EFFECT, MODEL = "hfx_atlas_effect", "hfx_atlas_model"
-"""ID properties of a picture: its effect and the id of the effect's model."""
+EFFECT, MODEL, LAYOUT = "hfx_atlas_effect", "hfx_atlas_model", "hfx_atlas_layout"
+"""ID properties of a picture: its effect, the id of the effect's model, and the layout of its
+texels (``_layout``)."""
 
 _POLL_S = 0.1
 # Levels 0..255 (V,) last equal on both sides, by session uid; None: the weights are to be shown.
@@ -60,8 +62,9 @@ def picture_of(effect: bpy.types.Object) -> bpy.types.Image:
 
 
 def sync(image: bpy.types.Image) -> bool:
-    """Apply the changes of one side to the other; weights win where both changed, and after undo
-    and redo. Returns True if weights were set. No effect for a picture of another model or size.
+    """Apply the changes of one side to the other; weights win where both changed, after undo and
+    redo, and in a picture with the layout of an earlier version. Returns True if weights were set.
+    No effect for a picture of another model or size.
     Raises InputError: the canvas was edited, or the stored area is invalid."""
     import numpy as np
 
@@ -70,7 +73,8 @@ def sync(image: bpy.types.Image) -> bool:
         return False
     weights = painting.weights_of(effect)
     levels = np.round(weights * 255.0)
-    if not np.array_equal(levels, _synced.get(image.session_uid, levels)):
+    is_earlier = image.get(LAYOUT) != _layout(image)
+    if is_earlier or not np.array_equal(levels, _synced.get(image.session_uid, levels)):
         _write(image, weights)
         return False
     _synced[image.session_uid] = shown
@@ -225,4 +229,12 @@ def _write(image: bpy.types.Image, weights: F64) -> None:
     pixels[cells[:, 1], cells[:, 0], 3] = 1.0
     image.pixels.foreach_set(pixels.ravel())
     image.update()
+    image[LAYOUT] = _layout(image)
     _synced[image.session_uid] = levels
+
+
+def _layout(image: bpy.types.Image) -> str:
+    """Checksum of the places of all texels: versions of the add-on can place charts otherwise."""
+    from ..engine.body import atlas
+
+    return f"{zlib.crc32(atlas.texels(image[MODEL])[0].tobytes()):08x}"

@@ -211,7 +211,6 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             column.prop(self, _box_of("record", name))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        from ..formats.writing import why_nothing
         from ..reading.description import scene_description
         from ..reading.description.scene_settings import scene_devices
 
@@ -220,13 +219,11 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         scene_description.find(context.scene, context.view_layer)
         devices, _ = scene_devices(context.scene)
         if not self.properties.is_property_set("formats"):
-            # A purpose whose formats hold something of the devices, the most special first.
-            fitting = (
-                _PURPOSES[name][2]
-                for name in ("BHAPTICS", "PHONE", "HARDWARE")
-                if devices and not any(why_nothing(id, devices) for id in _PURPOSES[name][2])
-            )
-            self.formats = next(fitting, {"track"})
+            # Special purposes only for devices made for them: .tact could hold other layouts, too.
+            makers = {device.id.partition("_")[0] for device in devices}
+            special = (name for name in ("BHAPTICS", "PHONE", "SOUND") if name.lower() in makers)
+            name = next(special, "HARDWARE")
+            self.formats = _PURPOSES[name][2] if devices else {"track"}
         return ExportHelper.invoke(self, context, event)  # type: ignore[no-any-return]
 
     def export_steps(self, context: bpy.types.Context) -> Generator[float, None, ExportReport]:

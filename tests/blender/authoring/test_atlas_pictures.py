@@ -183,6 +183,28 @@ def test_the_picture_is_saved_with_the_file_and_stays_linked(effect: Any, tmp_pa
     assert vertices == [5, 6] and weights == pytest.approx([1.0, 0.6], abs=1e-6)
 
 
+def test_a_picture_with_the_layout_of_an_earlier_version_changes_no_weights(
+    effect: Any, tmp_path: Path
+) -> None:
+    """Its texels stand elsewhere: they are those of other vertices."""
+    weights = np.eye(1, len(load_model(MODEL)), 3)[0]
+    painting.set_weights(effect, weights)
+    bpy.ops.hfx.area_atlas()
+    (image,) = atlas_pictures.pictures()
+    cells, _ = atlas.texels(MODEL)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    (image,) = atlas_pictures.pictures()
+    image.pixels[:] = np.roll(pixels_of(image), 1, axis=1).ravel().tolist()
+    del image["hfx_atlas_layout"]
+    assert not atlas_pictures.sync(image)
+    assert np.array_equal(painting.weights_of(image[atlas_pictures.EFFECT]), weights)
+    shown = pixels_of(image)[cells[:, 1], cells[:, 0], :3].max(axis=1)
+    assert np.array_equal(shown, weights)
+    paint(image, cells[[9]], (1.0, 1.0, 1.0, 1.0))
+    assert atlas_pictures.sync(image)
+
+
 def test_another_modality_has_another_picture(effect: Any) -> None:
     bpy.ops.hfx.area_atlas()
     (image,) = atlas_pictures.pictures()

@@ -215,6 +215,31 @@ def test_a_scene_that_cannot_be_exported_is_refused_before_the_dialog(
 
 
 @pytest.mark.parametrize(
+    ("devices", "formats"),
+    [
+        ([], {"track"}),
+        (["back_pad"], {"track", "csv"}),  # .tact could hold its layout
+        (["back_pad", "bhaptics_tactosy"], {"tact"}),
+        (["insoles", "phone_lra"], {"ahap", "he"}),
+        (["sound_card_8"], {"wav"}),
+    ],
+)
+def test_the_first_formats_of_the_dialog_are_those_of_the_maker_of_a_device(
+    small: Any, monkeypatch: pytest.MonkeyPatch, devices: list[str], formats: set[str]
+) -> None:
+    from bpy_extras.io_utils import ExportHelper
+
+    from hfx_blender.operators.export_operator import HFX_OT_export
+
+    for name in devices:
+        small.hfx.devices.add().name = name
+    monkeypatch.setattr(ExportHelper, "invoke", lambda *_: {"RUNNING_MODAL"})
+    operator = SimpleNamespace(properties=SimpleNamespace(is_property_set=lambda _name: False))
+    assert HFX_OT_export.invoke(operator, bpy.context, None) == {"RUNNING_MODAL"}
+    assert operator.formats == formats
+
+
+@pytest.mark.parametrize(
     ("formats", "name"),
     [
         ({"wav"}, "storm.wav"),
