@@ -11,15 +11,11 @@ import os
 import platform
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from ..devices.live import approval
-from ..devices.live.discovery import serial_ports
-from ..engine.native import library as native
-from ..errors import HfxError
 from ..files import resources
 from ..processes import blender_session
 from ..version import __version__
@@ -60,7 +56,7 @@ def run(_options: argparse.Namespace, console: Console) -> int:
     try:
         blender_session.start()
         fault = ""
-    except HfxError as error:
+    except Exception as error:  # also of a damaged module of Blender
         fault = str(error)
     facts = system_information(fault)
     console.say(as_text(facts), several_lines=True)
@@ -91,18 +87,18 @@ def system_information(blender_fault: str = "") -> dict[str, str]:
     }
     facts = {
         "HFX": f"{__version__}, {kind}",
-        "Blender": blender_fault or _blender(),
+        "Blender": blender_fault or _fact(_blender),
         "Python": f"{platform.python_version()} ({platform.python_implementation()})",
         "System": f"{platform.platform()}, {os.cpu_count()} processors",
-        "Compiled part": native.state(),
+        "Compiled part": _fact(_compiled_part),
     }
     facts |= {f"Library {name}": _library(name, use) for name, use in _LIBRARIES.items()}
     facts |= {
-        "Serial ports": ", ".join(_ports()) or "none",
+        "Serial ports": _fact(lambda: ", ".join(_ports()) or "none"),
         "Sound cards": _sound_cards(),
         **{f"Folder of {name}": _folder(path) for name, path in folders.items()},
         "Devices of the user": ", ".join(own) or "none",
-        "Approved scripts": approval.fault_of_list() or str(len(approval.approved())),
+        "Approved scripts": _fact(_approvals),
     }
     return {name: without_personal_names(value) for name, value in facts.items()}
 
@@ -123,6 +119,26 @@ def without_personal_names(text: str) -> str:
     return text
 
 
+def _fact(question: Callable[[], str]) -> str:
+    """Answer of a function, or its error: a report is needed most for a damaged installation."""
+    try:
+        return question()
+    except Exception as error:
+        return f"unknown ({type(error).__name__}: {error})"
+
+
+def _compiled_part() -> str:
+    from ..engine.native import library
+
+    return library.state()
+
+
+def _approvals() -> str:
+    from ..devices.live import approval
+
+    return approval.fault_of_list() or str(len(approval.approved()))
+
+
 def _blender() -> str:
     import bpy
 
@@ -136,9 +152,10 @@ def _blender() -> str:
 def _library(name: str, use: str) -> str:
     try:
         module = importlib.import_module(name)
-    except (ImportError, OSError) as error:  # OSError: sounddevice without PortAudio
+    except Exception as error:  # OSError: sounddevice without PortAudio; any for a damaged library
         needed = f"; needed for {use}" if use else ""
-        return f"missing ({error}){needed}"
+        state = "missing" if isinstance(error, ModuleNotFoundError) else "cannot be loaded"
+        return f"{state} ({error}){needed}"
     try:
         return version(_DISTRIBUTIONS.get(name, name.replace("_", "-")))
     except PackageNotFoundError:
@@ -146,6 +163,8 @@ def _library(name: str, use: str) -> str:
 
 
 def _ports() -> Iterator[str]:
+    from ..devices.live.discovery import serial_ports
+
     for port in serial_ports():
         usb = "" if port.usb is None else f" {port.usb[0]:04x}:{port.usb[1]:04x}"
         is_open_to_user = sys.platform == "win32" or os.access(port.name, os.R_OK | os.W_OK)

@@ -99,7 +99,8 @@ def _user_data() -> Path:
         return Path(os.environ.get("APPDATA") or _home() / "AppData" / "Roaming") / "hfx"
     if sys.platform == "darwin":
         return _home() / "Library" / "Application Support" / "hfx"
-    return Path(os.environ.get("XDG_DATA_HOME") or _home() / ".local" / "share") / "hfx"
+    data = os.environ.get("XDG_DATA_HOME", "")  # its specification ignores a relative path
+    return Path(data if os.path.isabs(data) else _home() / ".local" / "share") / "hfx"
 
 
 def _named_by(variable: str) -> Path | None:

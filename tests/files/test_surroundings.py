@@ -94,6 +94,17 @@ def test_without_a_home_there_is_no_users_data(monkeypatch: pytest.MonkeyPatch) 
     assert not resources.user_devices().exists()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="a variable of Linux desktops")
+def test_a_relative_data_folder_is_ignored(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As the XDG Base Directory Specification demands: it would change with the working folder."""
+    monkeypatch.delenv("HFX_USER_DATA", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_DATA_HOME", "data")
+    assert resources.time_on() == tmp_path / ".local/share/hfx/time_on"
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert resources.time_on() == tmp_path / "data/hfx/time_on"
+
+
 @pytest.mark.skipif(shutil.which("unshare") is None, reason="needs a user without an entry")
 def test_a_user_without_home_and_entry_can_validate(tmp_path: Path) -> None:
     path = tmp_path / "a.ahap"

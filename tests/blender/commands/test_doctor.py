@@ -15,6 +15,7 @@ import pytest
 
 from hfx_blender import cli
 from hfx_blender.commands import doctor
+from hfx_blender.devices.live import discovery
 from hfx_blender.version import __version__
 
 
@@ -42,11 +43,27 @@ def test_a_missing_library_is_named_with_its_use(
     assert facts["Library pythonosc"].endswith("needed for OSC")
 
 
+@pytest.mark.parametrize("code", ["1 / 0", "a b", "raise OSError('no libfoo')"])
+def test_damaged_libraries_are_named_beside_all_other_facts(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path, code: str
+) -> None:
+    """An installation of mixed versions can fail in any way, and needs the report most."""
+    for name in ("serial", "websockets"):
+        for loaded in [module for module in sys.modules if module.partition(".")[0] == name]:
+            monkeypatch.delitem(sys.modules, loaded)
+        (tmp_path / f"{name}.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    facts = _facts(capsys)
+    assert facts["Library websockets"].startswith("cannot be loaded (")
+    assert facts["Serial ports"].startswith("unknown (")
+    assert facts["Library numpy"] == np.__version__
+
+
 def test_ports_without_permission_are_named(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port = SimpleNamespace(name="/dev/no_such_port", description="Belt", usb=(0x2341, 0x43))
-    monkeypatch.setattr(doctor, "serial_ports", lambda: [port])
+    monkeypatch.setattr(discovery, "serial_ports", lambda: [port])
     monkeypatch.setattr(sys, "platform", "linux")
     expected = "/dev/no_such_port (Belt 2341:0043, no permission (group dialout or uucp))"
     assert _facts(capsys)["Serial ports"] == expected
