@@ -19,7 +19,7 @@ _FLAT = 0.8  # vertical part of the mean normal above which a region is seen fro
 def texels(model_id: str) -> tuple[I64, tuple[int, int]]:
     """Column and row (V, 2) of each vertex, rows from the bottom, and width and height of the
     picture. Each region, on limbs of one side, is a chart, seen from outside or unrolled around the
-    limb. Charts stand in rows by menu group, head on top, the person's right on the left, with a
+    limb. Charts stand in rows by menu group, hands on top, the person's right on the left, with a
     free texel around each, and spread over the width: their names need room."""
     model = load_model(model_id)
     places, width = np.zeros((len(model), 2), np.int64), int(1.5 * len(model) ** 0.5) + 16

@@ -123,22 +123,33 @@ def leave() -> None:
             if view is not None and area.type == "VIEW_3D":
                 framing.restore(area, view[0])
                 area.spaces.active.overlay.weight_paint_mode_opacity = view[1]
-            if area.as_pointer() in _borrowed and area.type == "IMAGE_EDITOR":
-                area.ui_type = _borrowed[area.as_pointer()]
-    call_soon(_close_halves)  # later: the running operator needs the screen's context
-    _borrowed.clear()
+    call_soon(_return_editors)  # later: the running operator needs the screen's context
     _before.clear()
     set_weight_colours(None)
 
 
-def _close_halves() -> None:
-    """Close the Image Editors split from viewports, as far as they still are Image Editors."""
-    for window in bpy.context.window_manager.windows:
-        for area in [half for half in window.screen.areas if half.as_pointer() in _halves]:
-            if area.type == "IMAGE_EDITOR":
-                with bpy.context.temp_override(window=window, area=area):
-                    bpy.ops.screen.area_close()
-    _halves.clear()
+def _return_editors(only_empty: bool = False) -> None:
+    """Show the earlier editors of areas with a picture, and close those split from viewports, as
+    far as they still are Image Editors. ``only_empty``: those whose picture is removed by undo."""
+    for screen in bpy.data.screens:  # includes other workspaces
+        for area in [area for area in screen.areas if area.type == "IMAGE_EDITOR"]:
+            pointer = area.as_pointer()
+            if only_empty and area.spaces.active.image is not None:
+                continue
+            if pointer in _borrowed:
+                area.ui_type = _borrowed.pop(pointer)
+            for window in bpy.context.window_manager.windows:
+                if pointer in _halves and window.screen == screen:
+                    _halves.remove(pointer)
+                    with bpy.context.temp_override(window=window, area=area):
+                        bpy.ops.screen.area_close()
+    if not only_empty:
+        _borrowed.clear()
+        _halves.clear()
+
+
+def _return_emptied() -> None:
+    _return_editors(only_empty=True)
 
 
 def set_weight_colours(colour: tuple[float, ...] | None) -> None:
@@ -212,13 +223,14 @@ def _draw_names() -> None:
     blf.color(0, *TEXT)
     blf.enable(0, blf.SHADOW)
     blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
-    for name, x, y, end in _chart_names(model.load_model(image[atlas_pictures.MODEL]), view):
-        for number, line in enumerate(reversed(_lines(name, end - x))):
-            write(line, x, y + 1.2 * size * number, end - x)
-    if atlas_pictures.is_missed():
+    if atlas_pictures.is_missed():  # in place of names, which can fill the region
         x, y = view.view_to_region(0.0, 0.0, clip=False)
         blf.size(0, 1.4 * size)
         write(translated(_MISSED), max(x, size), max(y - 2.5 * size, size), context.region.width)
+    else:
+        for name, x, y, end in _chart_names(model.load_model(image[atlas_pictures.MODEL]), view):
+            for number, line in enumerate(reversed(_lines(name, end - x))):
+                write(line, x, y + 1.2 * size * number, end - x)
     blf.disable(0, blf.SHADOW)
 
 
@@ -390,8 +402,9 @@ def _resume() -> None:
 
 @persistent
 def _after_undo(*_: object) -> None:
-    # By a timer, when Blender has finished the undo.
+    # By timers, when Blender has finished the undo.
     call_soon(_resume)
+    call_soon(_return_emptied)
 
 
 @persistent

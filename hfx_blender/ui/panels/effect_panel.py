@@ -56,7 +56,8 @@ class HFX_PT_effect(HfxPanel, bpy.types.Panel):
         if effects.is_locked(effect):
             draw_text(context, layout, _LOCKED, "LOCKED")
             layout.operator("hfx.make_editable", icon="UNLOCKED")
-        layout.prop(effect, "name")
+        # Without a label, as Blender draws names of data: there is room for a long name.
+        layout.prop(effect, "name", text="", icon="EMPTY_DATA")
         layout.prop(hfx, "modality")
         row = layout.row()
         row.alert = hfx.intensity <= 0.0  # a silent effect

@@ -93,6 +93,17 @@ def steps(h: Any) -> Iterator[float]:
         is_linked() and np.array_equal(weights() > 0.5, states[-1]),
         "one Ctrl+Z takes both dabs back, on both sides",
     )
+    pictures = hands.module("authoring.atlas_pictures").pictures
+    for _ in range(len(states) + 2):
+        if pictures():
+            yield from h.key("ctrl+z")
+            yield 1.5
+    h.shot("before_picture.png")
+    editors = [area.type for area in h.window.screen.areas]
+    h.check(
+        not pictures() and "IMAGE_EDITOR" not in editors,
+        f"Ctrl+Z of Paint in 2D gives the editor back: {editors}",
+    )
 
 
 def free_place(cells: np.ndarray, width: int, height: int) -> tuple[float, float]:
