@@ -152,7 +152,7 @@ class HFX_MT_effect_pie(bpy.types.Menu):
     def draw(self, context: bpy.types.Context) -> None:
         pie, effect = self.layout.menu_pie(), active_effect(context)
         # Left, right, bottom, top, then the upper corners.
-        pie.prop(effect.hfx, "is_muted", icon="MUTE_IPO_ON")
+        pie.prop(effect.hfx, "is_muted", icon="MUTE_IPO_OFF")
         pie.prop(effect.hfx, "is_solo", icon="SOLO_ON")
         pie.operator("hfx.add_clip", icon="NLA")
         if effect.hfx.kind == "PAINTED":

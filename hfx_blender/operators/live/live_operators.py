@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -189,15 +188,13 @@ class HFX_OT_live_person(OfDevice):
 
     def _play(self, strengths: dict[str, float]) -> None:
         """Play strengths by actuator until the devices fade, and 0 at all others."""
-        assert live.client is not None
         device = self._device()
         values = device.neutral
         for k, actuator in enumerate(device.actuators):
             values[device.strength_columns[k]] = strengths.get(
                 actuator.id, values[device.strength_columns[k]]
             )
-        live.sent_s = time.monotonic()
-        live.client.send(self.name, values)
+        live.try_values(self.name, values, is_held=bool(strengths))
 
 
 class HFX_OT_live_approve(OfDevice):

@@ -29,6 +29,7 @@ from .live_sources import Generation, SceneSource, TrackSource
 
 if TYPE_CHECKING:
     from ...devices.live.client import DeviceState, LiveClient
+    from ...engine.arrays import F64
     from ...engine.rendering.device_config import DeviceConfig
     from ...engine.surface.surface_drive import SurfaceDrive
 
@@ -67,6 +68,7 @@ class Live:
         self.described: Generation | None = None  # description sent to the devices
         # Monotonic time of the last message to the devices; None after the devices were faded.
         self.sent_s: float | None = None
+        self._held_until_s = 0.0  # monotonic time; no samples until then
 
     @property
     def states(self) -> dict[str, DeviceState]:
@@ -169,6 +171,14 @@ class Live:
         client."""
         if self.client is not None:
             self.client.pulse(name, actuator)
+
+    def try_values(self, name: str, values: F64, is_held: bool) -> None:
+        """Play values (columns,) on a device; with ``is_held`` no samples of the scene or the track
+        replace them for :data:`HOLD_S`. Ignored without a client."""
+        if self.client is not None:
+            self.sent_s = time.monotonic()
+            self._held_until_s = self.sent_s + HOLD_S if is_held else 0.0
+            self.client.send(name, values)
 
     def offset_ms(self, name: str) -> float:
         """User's delay of a connected device, milliseconds; 0 if the device is not connected."""
@@ -327,6 +337,8 @@ class Live:
         is_playing = live_handlers.is_playing()
         # Called also while nothing plays: the direction is inferred from every frame.
         later = self._playback.frames_after(scene, self.latencies_ms, is_playing=is_playing)
+        if time.monotonic() < self._held_until_s:
+            return
         if source is self.tracks and self.tracks.is_outside(scene, later):
             self.fade()  # there is no moment of the track that a script could be called with
             return

@@ -170,7 +170,7 @@ def _draw_head(
     row.prop(strip, "name", text="")
     if not strip.select:
         row.label(text=f"{times.start:.4g} - {times.end:.4g}", translate=False)
-    row.prop(strip, "mute", text="", icon="MUTE_IPO_ON" if strip.mute else "MUTE_IPO_OFF")
+    row.prop(strip, "mute", text="", icon="MUTE_IPO_OFF" if strip.mute else "MUTE_IPO_ON")
     row.operator("hfx.draw_fades", text="", icon="FCURVE").name = strip.name
     row.operator("hfx.remove_clip", text="", icon="X").name = strip.name
 

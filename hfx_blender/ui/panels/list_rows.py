@@ -265,7 +265,7 @@ class HFX_UL_effects(bpy.types.UIList):
         for name, on, off in (
             ("is_selected", "LAYER_ACTIVE", "LAYER_USED"),
             ("is_solo", "SOLO_ON", "SOLO_OFF"),
-            ("is_muted", "MUTE_IPO_ON", "MUTE_IPO_OFF"),
+            ("is_muted", "MUTE_IPO_OFF", "MUTE_IPO_ON"),  # Blender's "on" is the sound
         ):
             icon = on if getattr(row, name) else off
             locked = next(filter(effects.is_locked, row_effects), None)

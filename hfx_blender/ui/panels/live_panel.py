@@ -150,7 +150,7 @@ def _draw_device(
     else:
         box.operator("hfx.live_disconnect", icon="UNLINKED").name = item.name
     row = box.row(align=True)
-    row.prop(item, "is_muted", text="", icon="MUTE_IPO_ON" if item.is_muted else "MUTE_IPO_OFF")
+    row.prop(item, "is_muted", text="", icon="MUTE_IPO_OFF" if item.is_muted else "MUTE_IPO_ON")
     row.prop(item, "gain", slider=True)
     if item.name in live.approved:
         box.operator("hfx.live_revoke", icon="FILE_SCRIPT").name = item.name

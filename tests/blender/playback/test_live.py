@@ -333,7 +333,9 @@ def test_a_person_is_set_up_on_a_playing_device(log: Path) -> None:
 
 
 def test_a_strength_is_played_while_a_person_changes_it(log: Path) -> None:
-    until(lambda: live.is_armed)
+    play(log)
+    go(2)
+    until(lambda: not is_loud(log))
     dialog = SimpleNamespace(name=PAD, first_felt=5.0, strong_enough=50.0, too_strong=100.0)
     for name in ("_device", "_marks", "_play"):
         setattr(dialog, name, partial(getattr(HFX_OT_live_person, name), dialog))
@@ -341,6 +343,10 @@ def test_a_strength_is_played_while_a_person_changes_it(log: Path) -> None:
     dialog.strong_enough = 60.0
     assert HFX_OT_live_person.check(dialog, bpy.context)
     until(lambda: is_loud(log))
+    go(3)  # the clip of the scene begins at frame 10
+    count = len(rows(log))
+    until(lambda: len(rows(log)) > count + 20)
+    assert is_loud(log), "the scene at rest does not silence the strength"
     HFX_OT_live_person.cancel(dialog, bpy.context)
     until(lambda: not is_loud(log))
     live.stop_all()
