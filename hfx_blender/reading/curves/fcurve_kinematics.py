@@ -113,8 +113,9 @@ class PlainObject:
 
     def _read_parent(self, obj: bpy.types.Object, parents: Parents) -> None:
         """Set the parent object, or parent bone with the armature. Raises NotModelledError for a
-        missing bone and for other parent types (lattice, armature deform, vertices)."""
-        if obj.parent_type == "OBJECT":
+        missing bone, for other parent types (lattice, armature deform, vertices), and for a curve,
+        which moves its children along its path by animation of its own data."""
+        if obj.parent_type == "OBJECT" and obj.parent.type != "CURVE":
             self._parent = parents.object(obj.parent)
         elif obj.parent_type == "BONE" and obj.parent.type == "ARMATURE":
             self._rig = parents.rig(obj.parent)

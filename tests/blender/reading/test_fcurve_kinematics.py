@@ -308,6 +308,12 @@ def _vertex_parent(rig: Any) -> None:
     rig.parent, rig.parent_type = bpy.context.object, "VERTEX"
 
 
+def _curve_parent(rig: Any) -> None:
+    curve = bpy.data.curves.new("Path", "CURVE")
+    curve.splines.new("POLY").points.add(1)
+    rig.parent = bpy.data.objects.new("Path", curve)
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [
@@ -321,6 +327,7 @@ def _vertex_parent(rig: Any) -> None:
         (_influence, "plain clip"),
         (_object_constraint, "'Rig' has constraints"),
         (_vertex_parent, "place of its parent"),
+        (_curve_parent, "place of its parent"),
     ],
 )
 def test_what_is_not_modelled_is_told(rig: Any, change: Callable[[Any], None], word: str) -> None:
