@@ -228,10 +228,25 @@ def _draw_names() -> None:
         blf.size(0, 1.4 * size)
         write(translated(_MISSED), max(x, size), max(y - 2.5 * size, size), context.region.width)
     else:
-        for name, x, y, end in _chart_names(model.load_model(image[atlas_pictures.MODEL]), view):
-            for number, line in enumerate(reversed(_lines(name, end - x))):
-                write(line, x, y + 1.2 * size * number, end - x)
+        painted = model.load_model(image[atlas_pictures.MODEL])
+        for line, *place in _name_lines(painted, view, 1.2 * size):
+            write(line, *place)
     blf.disable(0, blf.SHADOW)
+
+
+def _name_lines(
+    painted: PerceptualModel, view: bpy.types.View2D, height: float
+) -> Iterator[tuple[str, float, float, float]]:
+    """Yield lines of names, the lower left corner and the width of their room, pixels, without
+    names that would cover others; ``height`` of a line."""
+    taken: list[tuple[float, float, float, float]] = []
+    for name, x, y, end in _chart_names(painted, view):
+        lines = _lines(name, end - x)
+        top = y + height * len(lines)
+        if not any(x < e and left < end and y < t and low < top for left, low, e, t in taken):
+            taken.append((x, y, end, top))
+            for number, line in enumerate(reversed(lines)):
+                yield line, x, y + height * number, end - x
 
 
 def _chart_names(

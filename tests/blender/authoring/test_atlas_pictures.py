@@ -103,6 +103,20 @@ def test_names_of_charts_are_whole_and_apart(model_id: str) -> None:
     assert x == pytest.approx(540.0 * left / width) and end >= 540.0 * right / width - 4.0
 
 
+@pytest.mark.parametrize("model_id", [MODEL, "hfx-vibration-1", "hfx-temperature-1"])
+def test_no_name_of_a_chart_covers_another(model_id: str) -> None:
+    """Of charts of one or two texels, in rows closer than the height of a line."""
+    paint_view.blf.size(0, 10.0)
+    lines = list(paint_view._name_lines(load_model(model_id), View(), 12.0))
+    boxes = [(x, y, x + paint_view.blf.dimensions(0, line)[0], y + 12.0) for line, x, y, _ in lines]
+    for k, (left, low, right, high) in enumerate(boxes):
+        for left2, low2, right2, high2 in boxes[:k]:
+            # Lines of one name follow each other without a gap.
+            is_apart = low >= high2 - 1e-6 or low2 >= high - 1e-6
+            assert left >= right2 or left2 >= right or is_apart
+    assert {"Face", "Back of the Head"} <= {line for line, *_ in lines}
+
+
 def test_the_atlas_stands_as_the_body_seen_from_outside() -> None:
     """On the chest the wearer's left is at the right, and higher skin is higher."""
     model = load_model(MODEL)
