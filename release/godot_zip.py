@@ -29,7 +29,9 @@ _SUFFIXES = {
 
 def files(addon: Path = ADDON) -> dict[str, Path]:
     """Files of the zip: name in the zip -> file."""
-    return {
+    # The library for Windows has the start-up code of Mingw-w64, whose licence travels along.
+    licence = {"addons/hfx/LICENSE-mingw_w64.txt": ROOT / "licences" / "mingw_w64.txt"}
+    return licence | {
         f"addons/hfx/{path.relative_to(addon).as_posix()}": path
         for path in sorted(addon.rglob("*"))
         if path.is_file() and (path.suffix in _SUFFIXES or path.name == "LICENSE")

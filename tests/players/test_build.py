@@ -114,7 +114,14 @@ def test_the_zip_for_godot_is_complete_or_names_what_is_missing(
         names = archive.namelist()
     assert {Path(name).parts[:2] for name in names} == {("addons", "hfx")}
     contents = (
-        *("LICENSE", "README.md", "icon.svg", "plugin.cfg", "bin/macos/libhfx_haptics.dylib"),
+        *(
+            "LICENSE",
+            "LICENSE-mingw_w64.txt",
+            "README.md",
+            "icon.svg",
+            "plugin.cfg",
+            "bin/macos/libhfx_haptics.dylib",
+        ),
         *("samples/garage.tscn", "samples/garage.gd", "samples/garage.hfxclip"),
     )
     assert {f"addons/hfx/{name}" for name in contents} <= set(names)
