@@ -6,8 +6,6 @@ with possible effects are found from animation data, and only these are read by 
 that agrees with Blender.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
@@ -41,8 +39,6 @@ from .stepped.stepped_reading import SceneRow, SteppedReading
 
 BLOCK_SIZE = 64
 """Samples in a block. Blocks start at multiples, so that results are independent of the range."""
-
-_FEW_EFFECTS = 8  # largest number of effects with blocks of twice the size: memory suffices
 
 _STEPPED_SIZE = 32
 """Largest block of a stepped scene: evaluation starts sooner, and a cancel takes effect sooner."""
@@ -246,9 +242,6 @@ class SceneReader:
             if self.instances.descriptions:
                 own = stack.enter_context(self.instances.stepper())
             size = min(BLOCK_SIZE, _STEPPED_SIZE) if plan.reason else BLOCK_SIZE
-            # With impacts the report's counters include the neighbours of each block.
-            few = len(self.description.effects) <= _FEW_EFFECTS and not self._has_impacts
-            size *= 2 if few and not plan.reason else 1
             for indices in contiguous_blocks(sample_indices, size):
                 # Neighbouring samples are read with the block, so that results do not depend on the
                 # split of time.

@@ -84,7 +84,6 @@ def test_curves_give_the_same_as_the_own_scene(
     from hfx_tools.demo import garage
 
     monkeypatch.setattr(scene_reader, "BLOCK_SIZE", 32)  # as of a stepped scene
-    monkeypatch.setattr(scene_reader, "_FEW_EFFECTS", 0)
     scene = garage.build()
     sampled = SceneReader(scene, rate_hz=oracle.Fraction(21))
     blocks = list(sampled.blocks())
