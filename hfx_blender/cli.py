@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Entry of the command line ``hfx``: parser of all commands and exit codes."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clips: NLA strips that animate an effect's ``activation`` over a span of the timeline."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable, Mapping, Sequence
 from itertools import chain
 from math import ceil, floor

@@ -5,8 +5,6 @@ Blender does not move the F-curve of a strip's influence when the strip is moved
 So each effect stores the span for which a curve was drawn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import ceil, floor
 

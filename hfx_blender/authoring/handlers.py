@@ -6,8 +6,6 @@ earlier body models are transferred. On updates, drawn fades follow their clips 
 the names of their bodies.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 

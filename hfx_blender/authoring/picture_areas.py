@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Areas from the avatar: an image on the UV map, or selected vertices."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 import numpy.typing as npt

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Contact responses of volumes: the stack of filters, in the scene and in effect files."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import Final

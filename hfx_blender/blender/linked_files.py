@@ -5,8 +5,6 @@ Most paths come from Blender's own list. Added are folders of baked simulations 
 caches, files imported by geometry nodes, and scans.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Conversion between Blender's meshes and arrays."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import bpy

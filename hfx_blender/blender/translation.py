@@ -5,8 +5,6 @@ Blender translates labels, tooltips and menu entries itself. :func:`translated` 
 with values, such as reports: a message has placeholders ``{0}``, ``{1}`` for the values.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from functools import cache, lru_cache

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``hfx doctor``: shows versions, libraries, ports, folders and devices of this installation."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import getpass

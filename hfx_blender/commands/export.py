@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``hfx export``: exports haptic tracks and device files from .blend scenes."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Options of ``hfx export``, and their checks before any scene is opened."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Sequence

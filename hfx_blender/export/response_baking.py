@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Bakes the contact response of a volume into keyframes of a property."""
 
-from __future__ import annotations
-
 import bpy
 
 from ..blender import compat

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blender for the command line: start, opening of files, temporary files."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

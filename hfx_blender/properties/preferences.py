@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Add-on preferences: custom colours, user folders, and the devices found there."""
 
-from __future__ import annotations
-
 import os
 
 import bpy

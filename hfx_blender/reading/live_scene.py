@@ -5,8 +5,6 @@ The same reader and engine as for an export, but Blender's current evaluated sta
 of stepping. Faulty effects are left out.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

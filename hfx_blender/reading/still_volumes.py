@@ -4,8 +4,6 @@
 A scene may hold thousands of these, such as props with an effect, most of them out of reach.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import isfinite

@@ -2,8 +2,6 @@
 """Gizmos in the viewport: sizes of a haptic volume, direction of wind, place and radius of a point
 on the skin."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import ClassVar
 

@@ -5,8 +5,6 @@ The menus are Add > Haptic, File > Import and Export, context menus, the NLA edi
 sequencer's Strip. The header shows the next step from a haptic body to an exported effect.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import bpy

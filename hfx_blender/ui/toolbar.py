@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tools of Object Mode that drag out effects, tool of Weight Paint; asset shelf of sensations."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Evaluated values of an effect: parameters, falloff, shape and matrices."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from typing import Final
 

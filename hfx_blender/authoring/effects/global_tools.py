@@ -4,8 +4,6 @@
 Global parameters of Mango (Schneider et al., UIST 2015, interface requirement 6).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from math import pi
 

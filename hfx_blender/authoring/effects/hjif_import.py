@@ -2,8 +2,6 @@
 """Import of files of haptics, HJIF or vibration envelopes, as painted effects: one per channel,
 with its envelope as a clip."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

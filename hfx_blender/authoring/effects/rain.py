@@ -4,8 +4,6 @@
 Drops fall on skin that faces upwards. Equal seeds give equal rain.
 """
 
-from __future__ import annotations
-
 import random
 from math import ceil, floor
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Strength of an effect above the detection threshold, for panels and ``hfx info``."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Particle systems that emit haptic volumes: swarms in the scene and in effect files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import bpy

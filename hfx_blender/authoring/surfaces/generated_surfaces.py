@@ -4,8 +4,6 @@
 An estimated relief is stored as an image in the .blend, which is the source of the surface.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from pathlib import Path

@@ -6,8 +6,6 @@ inputs, options and versions. A scene with a report that still matches is theref
 whichever machine exported the scene, and an interrupted batch needs no repair.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable
 from importlib import metadata

@@ -5,8 +5,6 @@ Received values replace values of the scene in previews and live devices, also w
 plays. Nothing is written into the .blend; a recording keeps values as keyframes and clips.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Drives live devices from Blender's handlers and timers, while a device is connected."""
 
-from __future__ import annotations
-
 import logging
 import time
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Arms reach for the controllers by two bones and the law of cosines; no constrain
 are shares of the eye height, so hands of another build are off by some centimetres.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, Final
 

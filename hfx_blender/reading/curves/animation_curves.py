@@ -4,8 +4,6 @@
 No scene is stepped. Unsupported animation raises :class:`NotModelledError`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@ copy of the armature object without bone animation stands in the scratch scene. 
 constraints, drivers, parent, and all other animation.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import bpy

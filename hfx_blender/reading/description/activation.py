@@ -5,8 +5,6 @@ The stored value alone is not enough: with all strips muted, or with the NLA off
 property, which keeps the last value. So animation data is checked first.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum, auto
 from itertools import pairwise

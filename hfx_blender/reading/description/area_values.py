@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Areas of spots, vector sensations and surfaces, and their values over time."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 

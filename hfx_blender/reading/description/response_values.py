@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Controls of contact responses in the engine's units, and bounds of impact durations."""
 
-from __future__ import annotations
-
 import bpy
 import numpy as np
 

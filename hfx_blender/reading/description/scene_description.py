@@ -4,8 +4,6 @@
 Faults preventing an export are raised before any time is evaluated.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

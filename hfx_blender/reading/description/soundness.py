@@ -5,8 +5,6 @@ A .blend may come from any source. A fault excludes only the object that has it,
 value is reported.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any

@@ -6,8 +6,6 @@ Dormant effects, certainly without any sample, are not read; each keeps its inde
 description and in the track, and is reported.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain

@@ -6,8 +6,6 @@ retry, the driven property would be lost at all later times, and at earlier time
 read first.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator

@@ -11,8 +11,6 @@ copied inside the loop. Sources are identified by the full names, because a libr
 may have objects of equal names.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction

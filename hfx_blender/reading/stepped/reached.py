@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """References between data-blocks: instancers, sources of instances, and dependencies."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Iterator
 
 import bpy

@@ -6,8 +6,6 @@ After playback its cache holds all frames, between which Blender interpolates. B
 not played.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
