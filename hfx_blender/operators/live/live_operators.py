@@ -141,6 +141,13 @@ class HFX_OT_live_person(OfDevice):
         self._shown = self._marks(self._device())
         return context.window_manager.invoke_props_dialog(self)
 
+    def draw(self, _context: bpy.types.Context) -> None:
+        column = self.layout.column()
+        column.label(text="The device plays a strength for two seconds when you change it.")
+        column.label(text="OK replaces the values of this device in the profile.")
+        for name in ("person", *MARKS):
+            column.prop(self, name)
+
     def check(self, _context: bpy.types.Context) -> bool:
         with suppress(InputError):  # stopped meanwhile, as the panel shows
             shown, self._shown = self._shown, self._marks(self._device())
