@@ -122,8 +122,14 @@ def _check(options: argparse.Namespace, console: Console) -> int:
     faults, notes = faults_of(options.file), []
     if not faults:
         device = load_device(options.file)
-        trial = script_faults(approval.script_of(options.file), device, options.is_tried)
+        script = approval.script_of(options.file)
+        trial = script_faults(script, device, options.is_tried)
         faults, notes = [trial.fault] if trial.fault else [], trial.notes
+        if script is not None and not (faults or options.is_tried or script.is_approved):
+            notes.append(
+                f"its script {script.path.name} was compiled, not called, as it is not approved; "
+                "read it, then --try calls it with all of your rights"
+            )
     for fault in faults:
         console.warn(fault)
     if not faults:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import json
 import symtable
 import tempfile
@@ -11,12 +12,13 @@ import time
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from types import CodeType
 from typing import Final
 
 import numpy as np
 
 from hfx_blender.devices.host.output import PATIENCE_S
-from hfx_blender.devices.live.approval import DeviceScript
+from hfx_blender.devices.live.approval import DeviceScript, compiled
 from hfx_blender.devices.script_rendering import PRINTED, ScriptFaultError, ScriptRun
 from hfx_blender.devices.workers.haptics import encode_haptics
 from hfx_blender.devices.workers.script_process import READY_S
@@ -30,6 +32,12 @@ from hfx_blender.files import resources
 from hfx_blender.processes.messages import MessageKind, message
 
 _ENTRY: Final = "render"
+_NO_ENTRY: Final = "has no function render(haptics)"
+# Names by which a module can bind names that its text does not show.
+_BINDERS: Final = {
+    *("exec", "eval", "globals", "locals", "vars", "setattr", "*"),
+    *("__globals__", "f_globals", "f_locals"),
+}
 _STEP_S: Final = 0.01  # time between two calls of a trial, seconds; no jump for the script
 _VERTICES: Final = 8
 
@@ -48,57 +56,91 @@ def text_faults(script: Path) -> list[str]:
     """Faults that the text of a script shows, a sentence each; runs none of its code.
 
     The script is compiled, and must bind ``render`` in its module: as a function that takes one
-    argument, or as another name that is no constant.
+    argument, or as another name that is no constant. A script that may bind ``render`` at run
+    time, as by ``exec``, needs a trial instead.
     """
     try:
         source = script.read_bytes()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the script's text, such as invalid escapes
-            # Without the __future__ imports of this module, as the worker compiles it.
-            compile(source, str(script), "exec", dont_inherit=True)
+        code = compiled(source, script)
+        with warnings.catch_warnings(action="ignore"):  # of invalid escapes, for example
             tree = ast.parse(source, str(script))
-            table = symtable.symtable(source.decode(errors="replace"), str(script), "exec")
+            table = symtable.symtable(source, str(script), "exec")
     except OSError as error:
         return [f"{script}: cannot be read ({error.strerror})."]
-    except SyntaxError as error:
-        place = f", line {error.lineno}" if error.lineno else ""
-        return [f"{script}{place}: is no Python: {error.msg}."]
-    except (ValueError, RecursionError, MemoryError) as error:  # NUL bytes, too deep nesting
-        return [f"{script}: is no Python: {error}."]
-    fault = _entry_fault(tree, table)
+    except InputError as error:
+        return [str(error)]
+    except (RecursionError, MemoryError):  # compiles, but is too deep for a tree
+        return []
+    if _binds_at_run_time(tree):
+        return []
+    fault = _entry_fault(tree, table, code)
     return [f"{script}{fault}."] if fault else []
 
 
-def _entry_fault(tree: ast.Module, table: symtable.SymbolTable) -> str:
+def _binds_at_run_time(tree: ast.Module) -> bool:
+    """Test for a name or import that can bind ``render`` unseen, or a ``global render``."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Global) and _ENTRY in node.names:
+            return True
+        # Names, attributes as in ``builtins.exec``, and imported names.
+        names = {getattr(node, field, None) for field in ("id", "attr", "name")}
+        if names & _BINDERS:
+            return True
+    return False
+
+
+def _entry_fault(tree: ast.Module, table: symtable.SymbolTable, code: CodeType) -> str:
     """Fault of the binding of ``render`` in a module, from the place on; "" for none."""
-    is_starred = any(
-        alias.name == "*"
-        for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    )
     names = table.get_identifiers()
     symbol = table.lookup(_ENTRY) if _ENTRY in names else None
     if symbol is None or not (symbol.is_assigned() or symbol.is_imported()):
-        return "" if is_starred else ": has no function render(haptics)"
-    # Only statements of the module itself are certain; the last one counts.
-    for node in reversed(tree.body):
-        if isinstance(node, ast.AsyncFunctionDef) and node.name == _ENTRY:
-            return f", line {node.lineno}: 'render' is an 'async' function; 'def' is allowed"
-        if isinstance(node, ast.FunctionDef) and node.name == _ENTRY:
-            return "" if node.decorator_list else _arguments_fault(node)
-        if isinstance(node, ast.Assign) and any(
-            isinstance(target, ast.Name) and target.id == _ENTRY for target in node.targets
-        ):
-            is_constant = isinstance(node.value, ast.Constant)
-            fault = f", line {node.lineno}: 'render' is a constant, not a function"
-            return fault if is_constant else ""
+        return f": {_NO_ENTRY}"
+    # Only statements of the module itself are certain; the last one that binds the name counts.
+    last = next((node for node in reversed(tree.body) if _may_bind(node)), None)
+    place = f", line {last.lineno}: " if last is not None else ""
+    match last:
+        case ast.AsyncFunctionDef(name=name) if name == _ENTRY:
+            return f"{place}'render' is an 'async' function; 'def' is allowed"
+        case ast.FunctionDef(name=name, decorator_list=[]) if name == _ENTRY:
+            if _is_generator(last, code):
+                return f"{place}'render' is a generator; 'return' in place of 'yield' is allowed"
+            return _arguments_fault(last.args, place)
+        case ast.Assign(value=value) if _ENTRY in _names(last.targets):
+            if isinstance(value, ast.Lambda):
+                return _arguments_fault(value.args, place)
+            is_constant = isinstance(value, ast.Constant)
+            return f"{place}'render' is a constant, not a function" if is_constant else ""
+        case ast.Delete() if _ENTRY in _names(last.targets):
+            return f"{place}'render' is deleted, so the script {_NO_ENTRY}"
     return ""
 
 
-def _arguments_fault(function: ast.FunctionDef) -> str:
-    """Fault of a function that cannot be called with one argument; "" for none."""
-    arguments = function.args
+def _may_bind(statement: ast.stmt) -> bool:
+    """Test for a binding or deletion of ``render`` at any depth of a statement."""
+    return any(
+        _ENTRY in {getattr(node, field, None) for field in ("name", "asname", "rest")}
+        or (isinstance(node, ast.Name) and node.id == _ENTRY and not isinstance(node.ctx, ast.Load))
+        for node in ast.walk(statement)
+    )
+
+
+def _names(targets: list[ast.expr]) -> set[str]:
+    """Names among the targets of an assignment or deletion."""
+    return {target.id for target in targets if isinstance(target, ast.Name)}
+
+
+def _is_generator(function: ast.FunctionDef, code: CodeType) -> bool:
+    """Test that a function of the module ``code`` has a ``yield`` of its own."""
+    return any(
+        isinstance(inner, CodeType)
+        and (inner.co_name, inner.co_firstlineno) == (function.name, function.lineno)
+        and bool(inner.co_flags & inspect.CO_GENERATOR)
+        for inner in code.co_consts
+    )
+
+
+def _arguments_fault(arguments: ast.arguments, place: str) -> str:
+    """Fault of a function that cannot be called with one argument, after ``place``; "" for none."""
     most = len(arguments.posonlyargs) + len(arguments.args)
     least = most - len(arguments.defaults)
     required = [
@@ -109,7 +151,7 @@ def _arguments_fault(function: ast.FunctionDef) -> str:
     if least <= 1 and (most >= 1 or arguments.vararg) and not required:
         return ""
     needed = f"{least} arguments" if not required else f"the keyword '{required[0]}'"
-    return f", line {function.lineno}: 'render' takes {needed}; it is called with one, 'haptics'"
+    return f"{place}'render' takes {needed}; it is called with one, 'haptics'"
 
 
 def try_script(script: DeviceScript, device: DeviceConfig) -> Trial:
@@ -211,7 +253,7 @@ def _full_values(device: DeviceConfig, modalities: list[str]) -> F64:
 def script_faults(script: DeviceScript | None, device: DeviceConfig, is_tried: bool) -> Trial:
     """First fault of a device's script, and notes; without a script neither.
 
-    A script that is approved is tried, another one only if ``is_tried``.
+    A script that is approved is tried, another script only if ``is_tried``.
     """
     if script is None:
         return Trial("", [])
@@ -219,11 +261,7 @@ def script_faults(script: DeviceScript | None, device: DeviceConfig, is_tried: b
         return Trial(faults[0], [])
     if script.is_approved or is_tried:
         return try_script(script, device)
-    note = (
-        f"its script {script.path.name} was compiled, not called, as it is not approved; read it, "
-        "then --try calls it with all of your rights"
-    )
-    return Trial("", [note])
+    return Trial("", [])
 
 
 def refuse_faulty_script(script: DeviceScript, device: DeviceConfig, is_tried: bool) -> list[str]:

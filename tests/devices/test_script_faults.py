@@ -29,6 +29,13 @@ TEXT_FAULTS = {
     b"def render(haptics):\n    return None\n\x00": "is no Python",
     "x = 'caf\xe9'\n".encode("latin-1") + HALF.encode(): "is no Python",
     b"x = " + b"(" * 5000 + b")" * 5000: "is no Python",
+    b"render = lambda haptics, a, b: None\n": "line 1: 'render' takes 3 arguments",
+    b"def render(haptics):\n    yield 1.0\n": "line 1: 'render' is a generator",
+    HALF.encode() + b"del render\n": "line 3: 'render' is deleted",
+}
+REASONS = {  # texts without a reason of the compiler, or with a full stop at its end
+    b"x = " + b"-" * 100_000 + b"1\n": "complex",
+    b"x = " + b"9" * 10_000 + b"\n": "limits",
 }
 TRIAL_FAULTS = {
     "raise RuntimeError('no port')\n" + HALF: "cannot be started: RuntimeError: no port",
@@ -42,6 +49,22 @@ TRIAL_FAULTS = {
         "when called with effects of all modalities: ZeroDivisionError"
     ),
     "def render(haptics):\n    import sys\n    sys.exit()\n": "SystemExit",
+    "def render(haptics):\n    return [1j] * 16\n": "of shape (16,) and type complex, expected",
+    "def render(haptics):\n    return ['1'] * 16\n": "of shape (16,) and type str, expected",
+    "def render(haptics):\n    return [0.0] * 15 + [10**400]\n": (
+        "type float, int, expected (16,) and float, or int of 64 bits"
+    ),
+    "def render(haptics):\n    return {haptics.actuators[0].id: 1j}\n": (
+        "returned 'complex' for control 'amplitude_m_s2'"
+    ),
+    "def render(haptics):\n    return {haptics.actuators[0].id: 10**400}\n": (
+        "allowed is a number that fits a float"
+    ),
+    "def render(haptics):\n    return 5\n": "of shape () and type int, expected (16,)",
+    "def render(haptics):\n    return [[1.0], [1.0, 2.0]]\n": "shape (2,) and type list",
+    # The line of the script, not that of the module which raises.
+    "import json\ndef render(haptics):\n    return json.loads('[')\n": "(my_band.py, line 3)",
+    "def render(haptics):\n    raise MemoryError\n": ": MemoryError (my_band.py, line 2).",
 }
 RIGHT = {
     "render = lambda haptics: haptics.values\n": "a lambda",
@@ -49,6 +72,15 @@ RIGHT = {
     "def twice(f):\n    return lambda haptics: f(haptics, 2)\n@twice\ndef render(a, b):\n"
     "    return a.values\n": "decorated",
     "class A:\n    def __call__(self, haptics):\n        return None\nrender = A()\n": "object",
+    "\ufeff" + HALF: "byte order mark",
+    f"exec({HALF!r})\n": "exec",
+    "globals()['render'] = lambda haptics: None\n": "globals",
+    "import builtins\nrender = None\nbuiltins.exec('render = lambda haptics: None')\n": "attribute",
+    "def bind():\n    global render\n    def render(haptics):\n        return None\nbind()\n": (
+        "global"
+    ),
+    "render = None\nif True:\n    def render(haptics):\n        return None\n": "filled later",
+    "def render(haptics):\n    return [*(lambda: (yield 1.0))()] * 16\n": "inner generator",
 }
 
 
@@ -75,6 +107,15 @@ def test_a_fault_of_the_text_is_named_and_refuses_the_approval(folder, capsys, s
     assert approval.approved() == {}
 
 
+@pytest.mark.parametrize(("source", "reason"), REASONS.items(), ids=list(REASONS.values()))
+def test_a_text_that_does_not_compile_has_a_reason_and_one_full_stop(
+    folder, capsys, source, reason
+):
+    (folder / "my_band.py").write_bytes(source)
+    _, _, err = checked(capsys, folder)
+    assert reason in err.partition("is no Python: ")[2] and err[-3] != "." == err[-2]
+
+
 @pytest.mark.parametrize("source", TRIAL_FAULTS)
 def test_a_trial_names_the_call_that_fails_and_refuses_the_approval(folder, capsys, source):
     scripted(folder, source, is_approved=False)
@@ -97,7 +138,8 @@ def test_a_script_without_approval_is_not_run(folder, capsys, tmp_path):
     scripted(folder, f"open({str(tmp_path / 'ran')!r}, 'w').close()\n{HALF}", is_approved=False)
     code, out, _ = checked(capsys, folder)
     assert code == 0 and "compiled, not called" in out
-    assert hfx(capsys, "approve", BAND)[0] == 0 and not (tmp_path / "ran").exists()
+    code, out, _ = hfx(capsys, "approve", BAND)
+    assert code == 0 and "not called" not in out and not (tmp_path / "ran").exists()
     code, out, _ = checked(capsys, folder)
     assert code == 0 and "not called" not in out and (tmp_path / "ran").exists()
 

@@ -346,6 +346,40 @@ def test_losses_are_told():
     assert len(found["perceptions"]) == 1
 
 
+def test_each_lost_keyword_is_counted_once():
+    """In effects over many units, in the library, and in compositions."""
+    document = sample()
+    perception = document["perceptions"][0]
+    keyword = {"semantic_keywords": "Zwurbel"}
+    frames = [(t, 0.5, 100) for t in range(0, 4000, 100)]  # 4 s, units of 128 ms
+    wave = {**basis(*frames, phase=0.0, base_signal="Sine"), "position": 0, **keyword}
+    composite = {"effect_type": "Composite", "position": 0, "composition": [wave]}
+    bands = [band for channel in perception["channels"] for band in channel["bands"]]
+    target = next(band for band in bands if band["band_type"] == "VectorialWave")
+    target["effects"] += [wave, {**composite, "semantic_keywords": "UX/Click"}]
+    perception["effect_library"].append({**wave, "id": 77})
+    left_out = encoded(document, "x").left_out
+    # Three unknown keywords: an effect of a band, a part of a composition, one in the library.
+    assert "3 semantic keywords outside of the standard's list" in left_out
+    assert "1 semantic keywords of compositions" in left_out
+
+
+def test_unknown_numbers_of_keywords_are_counted_once():
+    document = wave_document()
+    (band,) = at(document, ("perceptions", 0, "channels", 0, "bands"))
+    band["effects"][0]["semantic_keywords"] = syntax.KEYWORDS[1]
+    library = {**basis((0, 1.0, 150)), "id": 7, "position": 0, "semantic_keywords": "UX/Click"}
+    document["perceptions"][0]["effect_library"] = [library]
+    content = encoded(document, "x").content
+    # Repeated metadata, where a player may join.
+    size = 9 + int.from_bytes(content[4:9]) // 16 % (1 << 32)
+    repeated = content + content[:size]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(syntax, "KEYWORDS", {})
+        _, notes = document_of(repeated, "x")
+    assert notes == ("2 semantic keywords of no known number were not read",)
+
+
 # --- damaged streams ------------------------------------------------------------------------
 
 
@@ -484,6 +518,17 @@ def test_negative_gains_are_noted(tmp_path, capsys):
     assert "gains below" not in "".join(
         map(str, run(capsys, "convert", tmp_path / "x.hjif", tmp_path / "y.ahap"))
     )
+
+
+def test_notes_of_conversions_are_stated_once_with_the_codes_of_validation(tmp_path, capsys):
+    document = sample()
+    document["date"] = "2026-11-29"
+    (tmp_path / "x.hjif").write_bytes(as_json(document))
+    assert run(capsys, "convert", tmp_path / "x.hjif", tmp_path / "y.hmpg")[0] == 0
+    for name in ("z.ahap", "z.hjif"):
+        code, out, err = run(capsys, "convert", tmp_path / "y.hmpg", tmp_path / name)
+        assert code == 0 and (out + err).count("[HMPG-DATE]") == 1 and "HJIF-" not in out + err
+    assert "HMPG-DATE" in "".join(map(str, run(capsys, "validate", tmp_path / "y.hmpg")))
 
 
 @pytest.mark.parametrize("suffix", [".ahap", ".haptic", ".he", ".openxr.json"])

@@ -10,14 +10,16 @@ import hashlib
 import json
 import re
 import shlex
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from types import CodeType
 from typing import Final
 
 from ...errors import InputError
 from ...files import resources
 from ...files.atomic import amend_json
-from ..configuration import find_file, script_beside
+from ..configuration import find_file, load_device, script_beside
 from ..workers.haptics import API_VERSION
 
 _FINGERPRINT: Final = re.compile(r"[0-9a-f]{64}")
@@ -98,14 +100,29 @@ def fingerprint_of(script: bytes, configuration: bytes) -> str:
 def approve(script: DeviceScript) -> None:
     """Approve a script in the state of ``script``.
 
-    Raises InputError: a file has changed since then, or the list of approvals cannot be read.
+    Raises InputError: a file has changed since then, the script does not compile, or the
+    configuration or the list of approvals cannot be read.
     Raises OutputError: the list cannot be written.
     """
     # The user approves the bytes that were shown, not a later version.
     if fingerprint(script.path, script.configuration) != script.fingerprint:
         raise InputError(f"{script.path}: has just changed; read it again.")
+    compiled(script.path.read_bytes(), script.path)
+    load_device(script.configuration)
     path = str(script.path.absolute())
     amend_json(resources.approved_scripts(), lambda: {**_read(), script.fingerprint: path})
+
+
+def compiled(source: bytes, path: Path) -> CodeType:
+    """Compile a script, which runs none of its code; InputError for a script that is no Python."""
+    try:
+        with warnings.catch_warnings(action="ignore"):  # invalid escapes, such as "\d"
+            return compile(source, str(path), "exec")
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", None)
+        place = f"{path}, line {line}" if line else str(path)
+        reason = getattr(error, "msg", "") or str(error) or "it is too complex"
+    raise InputError(f"{place}: is no Python: {reason.rstrip('.')}.")
 
 
 def revoke(script: DeviceScript) -> None:
@@ -194,20 +211,16 @@ def _read() -> dict[str, str]:
     try:
         with open(path, "rb") as file:
             paths = json.loads(file.read(_MOST_BYTES))
+        if not isinstance(paths, dict):
+            raise ValueError("it is no JSON object")
+        for mark, script in paths.items():
+            if not (isinstance(script, str) and _FINGERPRINT.fullmatch(mark)):
+                raise ValueError(f"'{mark[:64]}' is no approval")
+        return paths
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:
-        raise _unreadable(path, str(error)) from None
-    if not isinstance(paths, dict):
-        raise _unreadable(path, "it is no JSON object")
-    for mark, script in paths.items():
-        if not (isinstance(script, str) and _FINGERPRINT.fullmatch(mark)):
-            raise _unreadable(path, f"'{mark[:64]}' is no approval")
-    return paths
-
-
-def _unreadable(path: Path, why: str) -> InputError:
-    return InputError(
-        f"{path}: the list of approved scripts cannot be read ({why}), so none is approved; "
-        "repair it or move it away."
-    )
+        raise InputError(
+            f"{path}: the list of approved scripts cannot be read ({error}), so none is approved; "
+            "repair it or move it away."
+        ) from None

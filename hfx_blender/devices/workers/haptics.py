@@ -152,7 +152,8 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
     ``answer``: a value for each column; or a mapping from actuator id to a strength or to a mapping
     from control to value, where missing entries are silent. None is silence.
 
-    Raises ValueError: the length is wrong, or an actuator or control is unknown.
+    Raises ValueError: the length is wrong, a value is no number, or an actuator or control is
+    unknown.
     """
     if answer is None:
         return haptics.neutral
@@ -161,9 +162,12 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
     if not isinstance(answer, Mapping):
         values = as_row(answer)
         if values.shape != (len(columns),):
+            items = np.asarray(answer, object)
+            kinds = ", ".join(sorted({type(item).__name__ for item in items.flat})) or "none"
             raise ValueError(
-                f"the script returned values of shape {np.shape(answer)}, expected "
-                f"({len(columns)},): one number for each control of each actuator"
+                f"the script returned values of shape {items.shape} and type {kinds}, expected "
+                f"({len(columns)},) and float, or int of 64 bits: one number for each control of "
+                "each actuator"
             )
         return values
     index = {column: k for k, column in enumerate(columns)}
@@ -183,10 +187,12 @@ def as_values(answer: Any, haptics: Haptics) -> F64:
                 raise ValueError(f"actuator '{actuator}' has no control {control!r}")
             column = index[actuator, control]
             choices = controls[column].choices
-            if isinstance(value, str) and value not in choices:
+            try:
+                values[column] = choices.index(value) if isinstance(value, str) else float(value)
+            except (TypeError, ValueError, OverflowError):
+                found = repr(value) if isinstance(value, str) else f"'{type(value).__name__}'"
                 raise ValueError(
-                    f"the script returned {value!r} for control '{control}' of actuator "
-                    f"'{actuator}'; allowed is {', '.join(choices) or 'a number'}"
-                )
-            values[column] = choices.index(value) if isinstance(value, str) else float(value)
+                    f"the script returned {found} for control '{control}' of actuator "
+                    f"'{actuator}'; allowed is {', '.join(choices) or 'a number that fits a float'}"
+                ) from None
     return values

@@ -35,6 +35,7 @@ class _Outlet:
         self._owner = owner
         self._since, self._count = 0.0, 0
         self.prints_per_s = 10
+        self.script = ""  # file of the script, for the places of faults
 
     def send_text(self, kind: MessageKind, text: str) -> None:
         """Send a message with the first 500 characters of ``text``; never dropped."""
@@ -57,8 +58,8 @@ def main() -> None:
     answer each message of haptic data with values until the owner ends.
 
     Memory is limited to 4 GiB; standard input, output and errors of the script are discarded. Any
-    exception, also while loading, is sent as a FAULT, "Type: text (file, line N)", and ends the
-    process with exit code 1.
+    exception, also while loading, is sent as a FAULT, "Type: text (file, line N)" with the line of
+    the script, if there is one, and ends the process with exit code 1.
     """
     # No standard streams for the script, which must not read or write messages.
     null = os.open(os.devnull, os.O_RDWR)
@@ -82,12 +83,12 @@ def main() -> None:
             # The answer has the number of the question.
             owner.send(message(MessageKind.ANSWER, question.device, encode_values(values)))
     except BaseException as error:
-        # The innermost place helps authors of scripts, unless it is in this module.
+        # The innermost place in the script, not in modules that the script calls.
         frames = traceback.extract_tb(error.__traceback__)
-        where = ""
-        if frames and frames[-1].filename != __file__:
-            where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})"
-        outlet.send_text(MessageKind.FAULT, f"{type(error).__name__}: {error}{where}")
+        lines = [frame.lineno for frame in frames if frame.filename == outlet.script]
+        where = f" ({Path(outlet.script).name}, line {lines[-1]})" if lines else ""
+        text = ": ".join(filter(None, (type(error).__name__, str(error))))
+        outlet.send_text(MessageKind.FAULT, text + where)
         # Threads of the script must not keep the process alive.
         os._exit(1)
 
@@ -109,6 +110,7 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
     device = load_device(name, None if folder is None else Path(folder))
     # Standard output is discarded; prints become lines in the panel.
     outlet.prints_per_s = request.get("prints_per_s", outlet.prints_per_s)
+    outlet.script = str(path)
     builtins.print = outlet.log_print
     names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
     exec(compile(source, str(path), "exec"), names)

@@ -27,7 +27,7 @@ from hfx_blender.formats.signals.signals import FrequencyRange, Signal
 from hfx_blender.formats.written import Written, write_json
 
 from .. import hjif_from_actuators
-from .hmpg_reader import decode, document_of
+from .hmpg_reader import decode, document_of, with_own_codes
 from .hmpg_writer import encoded
 
 SUFFIX = FORMATS["hmpg"].suffix
@@ -56,7 +56,9 @@ def signals_at(path: Path) -> tuple[list[Signal], FrequencyRange]:
     document, notes = document_at(path)
     signals, frequencies = to_signals.decode(as_json(document), str(path))
     if signals:
-        signals[0] = replace(signals[0], notes=(*notes, *signals[0].notes))
+        # The document is read twice: a note of both readings is stated once.
+        unique = dict.fromkeys((*notes, *with_own_codes(signals[0].notes)))
+        signals[0] = replace(signals[0], notes=tuple(unique))
     return signals, frequencies
 
 

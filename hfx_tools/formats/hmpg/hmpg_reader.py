@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from hfx_blender.errors import InputError
@@ -19,6 +20,8 @@ from .bits import BitReader, amplitude_of
 _DEEPEST: Final = 8  # levels of compositions
 _AXES: Final = ("X", "Y", "Z")
 _UNFOLD: Final = "its packets hold"
+_UNKNOWN_KEYWORDS: Final = "semantic keywords of no known number were not read"
+_CODE: Final = re.compile(r"\[HJIF-([A-Z-]+)\]")  # of a finding, at the end of a sentence
 
 
 def decode(content: bytes, name: str) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -26,8 +29,18 @@ def decode(content: bytes, name: str) -> tuple[dict[str, Any], tuple[str, ...]]:
     Raises InputError for a damaged stream, and TooLargeError for too many effects and keyframes."""
     document, notes = document_of(content, name)
     # The same tolerance as for HJIF: dates in any form, numbers outside of their range.
-    tolerated, faults = hjif_reader.decode(encoded(document), name)
-    return tolerated, (*notes, *faults)
+    try:
+        tolerated, faults = hjif_reader.decode(encoded(document), name)
+    except InputError as error:
+        if not _CODE.search(text := str(error)):
+            raise
+        raise InputError(with_own_codes([text])[0]) from None
+    return tolerated, (*notes, *with_own_codes(faults))
+
+
+def with_own_codes(sentences: Iterable[str]) -> tuple[str, ...]:
+    """Sentences about a HJIF document with the codes of HMPG, which ``hfx validate`` names."""
+    return tuple(_CODE.sub(r"[HMPG-\1]", sentence) for sentence in sentences)
 
 
 def document_of(content: bytes, name: str) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -264,7 +277,10 @@ class _Stream:
         # Repeated metadata replaces effects of the same id.
         library = {effect["id"]: effect for effect in perception["effect_library"]}
         for _ in range(bits.take(16)):
+            unknown = self._lost[_UNKNOWN_KEYWORDS]
             effect = self._library_effect(bits, 0)
+            if effect["id"] in library:  # counted before
+                self._lost[_UNKNOWN_KEYWORDS] = unknown
             library[effect["id"]] = effect
         perception["effect_library"] = list(library.values())
 
@@ -317,14 +333,14 @@ class _Stream:
             if effect["effect_type"] != "Basis":
                 band["effects"].append(effect)
                 continue
-            effect |= self._keyword(bits)
+            # Ids of basis effects only join their parts in consecutive units.
+            known = self._effects.setdefault((*key, effect.pop("id")), effect)
+            effect |= self._keyword(bits, is_counted=known is effect)
             frames = bits.take(16)
             if band["band_type"] == "VectorialWave":
                 effect |= _wave(bits)
             elif band["band_type"] == "Transient":
                 effect["base_signal"] = "Sine"  # not stored
-            # Ids of basis effects only join their parts in consecutive units.
-            known = self._effects.setdefault((*key, effect.pop("id")), effect)
             if known is effect:
                 effect["keyframes"] = []
                 band["effects"].append(effect)
@@ -363,13 +379,13 @@ class _Stream:
         kind = choice(syntax.EFFECT_TYPES, bits.take(2), bits.place, "the effect type")
         return {"id": id, "effect_type": kind}
 
-    def _keyword(self, bits: BitReader) -> dict[str, str]:
-        """Semantic keyword, if there is one of the standard's list."""
+    def _keyword(self, bits: BitReader, *, is_counted: bool = True) -> dict[str, str]:
+        """Semantic keyword, if there is one of the standard's list; else counted as lost."""
         if not bits.take(1):
             return {}
         word = syntax.KEYWORDS.get(bits.take(12))
         if word is None:
-            self._lost["semantic keywords of no known number were not read"] += 1
+            self._lost[_UNKNOWN_KEYWORDS] += is_counted
             return {}
         return {"semantic_keywords": word}
 

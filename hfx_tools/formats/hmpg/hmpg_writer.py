@@ -112,6 +112,7 @@ class _Writer:
                 place = f"perceptions[{k}].channels[{c}]"
                 heads.append(self._channel(channel, perception, place))
         heads += [self._band(band) for band in self._bands]
+        self._count_lost_keywords()
         return self._unit_of(syntax.INITIALIZATION, 0, heads) + b"".join(self._units())
 
     # --- metadata ---------------------------------------------------------------------------
@@ -409,8 +410,6 @@ class _Writer:
             self._effect_head(bits, part.effect, part.id, place)
             bits.put_signed(25, part.position - unit * self._unit, f"{place}.position")
             if part.effect["effect_type"] == "Reference":
-                if "semantic_keywords" in part.effect:
-                    self.lost["semantic keywords of references"] += 1
                 continue
             self._keyword(bits, part.effect)
             bits.put(16, len(part.frames), f"the count of keyframes of {place}")
@@ -481,11 +480,29 @@ class _Writer:
         bits.put(16, id, f"{place}.id")
         bits.put(2, syntax.EFFECT_TYPES.index(effect["effect_type"]), "")
 
-    def _keyword(self, bits: BitWriter, effect: Mapping[str, Any]) -> None:
+    def _count_lost_keywords(self) -> None:
+        """Count each lost keyword of the document once; effects of bands may be written in several
+        parts, and effects of the library several times."""
+        for _, perception in self._perceptions:
+            bands = [band for channel in perception["channels"] for band in channel["bands"]]
+            for effect in _nested(perception["effect_library"]):
+                self._count_keyword(effect, is_of_band=False)
+            for effect in _nested(effect for band in bands for effect in band["effects"]):
+                self._count_keyword(effect, is_of_band=True)
+
+    def _count_keyword(self, effect: Mapping[str, Any], *, is_of_band: bool) -> None:
+        """Count the keyword of an effect if HMPG has no field or no number for the keyword."""
         word = effect.get("semantic_keywords")
-        number = syntax.KEYWORD_NUMBERS.get(word or "")
-        if word is not None and number is None:
+        if word is None:
+            return
+        if is_of_band and effect["effect_type"] != "Basis":
+            kind = "references" if effect["effect_type"] == "Reference" else "compositions"
+            self.lost[f"semantic keywords of {kind}"] += 1
+        elif word not in syntax.KEYWORD_NUMBERS:
             self.lost["semantic keywords outside of the standard's list"] += 1
+
+    def _keyword(self, bits: BitWriter, effect: Mapping[str, Any]) -> None:
+        number = syntax.KEYWORD_NUMBERS.get(effect.get("semantic_keywords", ""))
         bits.put(1, int(number is not None), "")
         if number is not None:
             bits.put(12, number, "")
@@ -534,6 +551,15 @@ class _Writer:
         head.put(32, len(payload), "the length of a unit")
         head.put(4, 0, "")
         return head.content() + payload
+
+
+def _nested(effects: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Yield effects and the parts of their compositions, at any depth."""
+    waiting = list(effects)
+    while waiting:
+        effect = waiting.pop()
+        yield effect
+        waiting += effect.get("composition", ())
 
 
 def _is_held(frame: Mapping[str, Any], kind: str) -> bool:

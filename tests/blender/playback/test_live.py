@@ -581,6 +581,11 @@ def test_a_script_is_asked_about_before_it_runs(
     with pytest.raises(RuntimeError, match="read it and approve it"):
         bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
     assert "mine" in live.unapproved and not mark.exists()
+    source = (folder / "mine.py").read_text()
+    (folder / "mine.py").write_text(source + "def render(haptics)\n")
+    with pytest.raises(RuntimeError, match=r"mine\.py, line 4: is no Python"):
+        bpy.ops.hfx.live_approve(name="mine")
+    (folder / "mine.py").write_text(source)
     bpy.ops.hfx.live_approve(name="mine")
     bpy.ops.hfx.live_connect(name="mine", kind="SIMULATOR", path=str(path))
     until(lambda: live.states["mine"].is_armed)

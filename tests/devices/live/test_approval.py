@@ -56,6 +56,22 @@ def test_a_withdrawal_covers_approvals_of_other_bytes(folder):
     assert not script("one").is_approved
 
 
+@pytest.mark.parametrize(
+    ("suffix", "content", "fault"),
+    [
+        (".py", "def render(haptics)\n", "one.py, line 1: is no Python: expected ':'."),
+        (".py", "x = 1\0\n", "one.py"),
+        (".json", "{", "one.json"),
+        (".json", '{"id": "one"}', "one.json"),
+    ],
+)
+def test_a_script_that_cannot_run_is_not_approved(folder, suffix, content, fault):
+    (folder / f"one{suffix}").write_text(content)
+    with pytest.raises(InputError) as raised:
+        approval.approve(script("one"))
+    assert fault in str(raised.value) and approval.approved() == {}
+
+
 def test_concurrent_approvals_lose_nothing(folder):
     text = (folder / "one.json").read_text()
     names = [f"many{k}" for k in range(12)]
