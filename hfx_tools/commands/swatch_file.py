@@ -14,6 +14,7 @@ from hfx_blender.files.atomic import atomic_file
 from hfx_blender.generation import generated
 
 from ..command_process.temporary_folder import temporary_folder
+from ..demo.scene_file import forget_folders
 
 
 def write_blend(record: Path) -> Path:
@@ -38,6 +39,7 @@ def write_blend(record: Path) -> Path:
     # Blender writes to a temporary folder; the result is moved into place when complete.
     with temporary_folder() as folder:
         saved = os.path.join(folder, path.name)
+        forget_folders()
         try:
             bpy.ops.wm.save_as_mainfile(filepath=saved, compress=True, copy=True)
         except RuntimeError as error:

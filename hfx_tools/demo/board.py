@@ -35,6 +35,7 @@ from hfx_blender.files.atomic import atomic_file
 from hfx_blender.formats.signals import stroke_files
 
 from ..command_process.temporary_folder import temporary_folder
+from .scene_file import forget_folders
 
 SQUARES = 4
 SQUARE_M = 0.05
@@ -65,6 +66,7 @@ def save(path: Path) -> list[str]:
     """
     bpy.ops.wm.read_homefile(use_empty=True)
     squares = build(bpy.context)
+    forget_folders()
     with temporary_folder() as folder:
         blend_file = os.path.join(folder, "board.blend")
         try:

@@ -21,7 +21,7 @@ def build_and_open(build: Callable[[], object], path: Path) -> None:
     import bpy
 
     build()
-    _forget_folders()
+    forget_folders()
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), compress=True)
     except RuntimeError as error:
@@ -29,12 +29,15 @@ def build_and_open(build: Callable[[], object], path: Path) -> None:
     blender_session.open_blend(path)
 
 
-def _forget_folders() -> None:
-    """Clear the folders of file browsers: Blender sets the home folder of the user."""
+def forget_folders() -> None:
+    """Clear the folders of file browsers: Blender sets the home folder of the user. Called before
+    a file is saved for others."""
     import bpy
 
     for screen in bpy.data.screens:
         for area in screen.areas:
             for space in area.spaces:
                 if space.type == "FILE_BROWSER" and space.params is not None:
+                    # Blender saves the whole buffer, with the end of a longer folder before.
+                    space.params.directory = b"/" * 1023
                     space.params.directory = b"//"

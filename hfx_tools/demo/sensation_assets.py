@@ -36,6 +36,7 @@ from hfx_blender.processes import blender_session
 from ..command_process.signal_watch import leave
 from ..command_process.temporary_folder import temporary_folder
 from ..felt_shares import SKIN, felt_shares
+from .scene_file import forget_folders
 
 CATALOGS = "blender_assets.cats.txt"
 SIZE = 128
@@ -74,6 +75,7 @@ def make(folder: Path) -> Path:
         file.write(("\n".join(lines) + "\n").encode())
     target = folder / LIBRARY_FILE
     bpy.context.preferences.filepaths.save_version = 0
+    forget_folders()
     with temporary_folder() as neutral:  # a .blend stores the path of its folder
         saved = Path(neutral, LIBRARY_FILE)
         bpy.ops.wm.save_as_mainfile(filepath=str(saved), compress=True, check_existing=False)
