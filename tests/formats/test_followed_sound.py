@@ -183,6 +183,23 @@ def test_regular_fast_beats_are_found(
 
 
 @pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("rise", ("exponential", "sine"))
+@pytest.mark.parametrize("decay_s", (0.03, 0.05))
+@pytest.mark.parametrize("hertz", (40.0, 45.0, 50.0, 55.0))
+def test_low_kicks_that_begin_softly_are_found(
+    rate: int, hertz: float, decay_s: float, rise: str
+) -> None:
+    """Attacks of 1 - exp(-t / 4 ms), and of sin² over 8 ms."""
+    starts, t = 0.3 + 0.3 * np.arange(12), times(rate, 4.2)
+    after = np.maximum(t[:, None] - starts, 0.0)
+    soft = np.sin(np.pi / 2.0 * np.minimum(after / 0.008, 1.0)) ** 2
+    attack = soft if rise == "sine" else 1.0 - np.exp(-after / 0.004)
+    kicks = attack * np.exp(-after / decay_s) * np.sin(2.0 * np.pi * hertz * after)
+    found = np.array([tick.time_s for tick in follow(kicks.sum(1), rate).transients])
+    assert len(found) == len(starts) and np.abs(found - starts).max() <= 0.01
+
+
+@pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize(("hertz", "decay_s"), ((200.0, 0.03), (1000.0, 0.2)))
 def test_pulses_begin_with_the_notes(rate: int, hertz: float, decay_s: float) -> None:
     starts = np.cumsum(np.random.default_rng(1).uniform(0.25, 0.5, 8))

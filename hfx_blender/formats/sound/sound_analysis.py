@@ -267,17 +267,23 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
         for n in (_PERIOD, _FAST_PERIOD)
     )
     rise = np.maximum(level - np.where(is_dense, fast, slow), 0.0)
-    starts = np.arange(0, len(rise), _NEAR // 4)
-    # The silence before and after the sound does not count as usual.
-    firsts = np.clip(starts - _NEAR, begin, max(end - 2 * _NEAR, begin))
-    parts = (rise[k : min(k + 2 * _NEAR, end)] for k in firsts)
-    usual = np.array([np.percentile(part, (90, 85, 70), axis=0) for part in parts])
-    rare, less_rare, dense = np.repeat(usual, _NEAR // 4, axis=0)[: len(rise)].transpose(1, 0, 2)
-    beats = _RARE_BEAT * np.where(is_dense, dense, less_rare)
-    usual_rise = np.where(is_near, beats, _RARE * rare)
     amplitude = 10.0 ** (level / 20.0)
     # Half of the coming peak is reached within the rise time: a swell is no onset.
     is_attack = amplitude >= 0.5 * _largest(amplitude, 0, _APART)
+    starts = np.arange(0, len(rise), _NEAR // 4)
+    # The silence before and after the sound does not count as usual.
+    firsts = np.clip(starts - _NEAR, begin, max(end - 2 * _NEAR, begin))
+    usual = np.zeros((len(starts), 3, len(lags)))
+    for k, first in enumerate(firsts):
+        part = slice(first, min(first + 2 * _NEAR, end))
+        usual[k] = np.percentile(rise[part], (90, 90, 70), axis=0)
+        # A low band rises for long, from before a beat on: these rises would count as usual.
+        between = np.where(is_attack, rise, 0.0)[part][~is_near[part, 0]]
+        if len(between):
+            usual[k, 1] = np.percentile(between, 90, axis=0)
+    rare, less_rare, dense = np.repeat(usual, _NEAR // 4, axis=0)[: len(rise)].transpose(1, 0, 2)
+    beats = _RARE_BEAT * np.where(is_dense, dense, less_rare)
+    usual_rise = np.where(is_near, beats, _RARE * rare)
     excess = np.where(is_attack, rise - least - usual_rise, 0.0).clip(0.0)
     is_part = (power * (excess > 0.0)).sum(1) >= _PART * _largest(total, 0, _APART // 2)
     # The end of a tone is a click, too, of all bands: the total does not rise there.
@@ -296,7 +302,7 @@ def _onsets(powers: F64, centres: F64, begin: int, end: int) -> Iterator[tuple[i
     for peak in frames[frames >= begin - _LAG].tolist():
         # The root of smoothed power rises steepest 1.5 frames early: the next frame's end counts.
         first = max(peak - 10, 0)
-        rising = amplitude[first : peak + 10, excess[peak] > 0.0]
+        rising = amplitude[first : peak + 10, excess[first : peak + 10].max(0) > 0.0]
         rising = (rising / rising.max(0)).sum(1)
         frame = max(first + int(np.gradient(rising).argmax()) + 1, begin)
         if abs(frame - begin) <= 3 * _LAG and not is_struck:
