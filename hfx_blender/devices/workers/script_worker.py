@@ -8,11 +8,13 @@ sandbox.
 
 import builtins
 import os
+import sys
 import time
 import traceback
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final
 
 from ...engine.rendering.device_config import DeviceConfig
@@ -112,9 +114,12 @@ def _load(first: Message, outlet: _Outlet) -> tuple[DeviceConfig, Any]:
     outlet.prints_per_s = request.get("prints_per_s", outlet.prints_per_s)
     outlet.script = str(path)
     builtins.print = outlet.log_print
-    names: dict[str, Any] = {"__name__": path.stem, "__file__": str(path)}
-    exec(compile(source, str(path), "exec"), names)
-    render = names.get("render")
+    # A module of its own, which dataclasses look up by name; the name hides no other module.
+    module = ModuleType(f"device_script_{path.stem}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module
+    exec(compile(source, str(path), "exec", dont_inherit=True), module.__dict__)
+    render = getattr(module, "render", None)
     if not callable(render):
         raise TypeError(f"{path.name} has no function render(haptics)")
     return device, render

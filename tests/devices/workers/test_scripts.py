@@ -95,6 +95,29 @@ def test_returned_values_are_played(client: LiveClient, folder: Path, log: Path)
     assert rows_of(log)[-1]["values"][0] == 5.0
 
 
+@pytest.mark.parametrize("first_line", ["from __future__ import annotations", ""])
+def test_a_script_may_have_dataclasses(
+    client: LiveClient, folder: Path, log: Path, first_line: str
+) -> None:
+    source = f"""{first_line}
+from dataclasses import dataclass
+
+@dataclass
+class Strength:
+    m_s2: float = 5.0
+
+def render(haptics):
+    return [Strength().m_s2, 100.0] * 8
+"""
+    connect(client, folder, source, log)
+    wait(
+        client,
+        lambda: any(map(is_loud, rows_of(log))),
+        lambda: client.send_haptics("scripted", haptics()),
+    )
+    assert rows_of(log)[-1]["values"][0] == 5.0
+
+
 def test_a_script_is_told_of_jumps_in_time(client: LiveClient, folder: Path, log: Path) -> None:
     source = """
 def render(haptics):
