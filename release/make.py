@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib.metadata
 import json
 import os
 import shutil
@@ -164,6 +165,15 @@ def site(folder: Path) -> Path:
     """Build the documentation as web pages; a broken link stops the build. Returns the folder."""
     # With --quiet, mkdocs drops the warnings before --strict counts them.
     _run(sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder)
+    theme = importlib.metadata.distribution("mkdocs-material")
+    text = theme.read_text("licenses/LICENSE")
+    if text is None:
+        raise addon_wheels.WheelError(f"mkdocs-material {theme.version} has no licenses/LICENSE.")
+    _write(
+        folder / "THIRD-PARTY-LICENCES.txt",
+        f"The pages hold scripts and styles of Material for MkDocs {theme.version}. Scripts of "
+        f"other projects inside name their licences in comments.\n\n{text.strip()}\n",
+    )
     return folder
 
 

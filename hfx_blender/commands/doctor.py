@@ -14,6 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
+from ..errors import HfxError
 from ..files import resources
 from ..processes import blender_session
 from ..version import __version__
@@ -75,7 +76,6 @@ def system_information(blender_fault: str = "") -> dict[str, str]:
     blender_fault : str
         Reason why Blender's module is not loaded; empty if it is loaded.
     """
-    own = sorted(path.stem for path in resources.user_devices().glob("*.json"))
     kind = "extension" if __package__.startswith("bl_ext.") else "command"
     folders = {
         "body models": resources.body_models(),
@@ -95,7 +95,7 @@ def system_information(blender_fault: str = "") -> dict[str, str]:
         "Serial ports": _fact(lambda: ", ".join(_ports()) or "none"),
         "Sound cards": _sound_cards(),
         **{f"Folder of {name}": _folder(path) for name, path in folders.items()},
-        "Devices of the user": ", ".join(own) or "none",
+        "Devices of the user": _fact(lambda: ", ".join(_own_devices()) or "none"),
         "Approved scripts": _fact(_approvals),
     }
     return {name: without_personal_names(value) for name, value in facts.items()}
@@ -123,6 +123,17 @@ def _fact(question: Callable[[], str]) -> str:
         return question()
     except Exception as error:
         return f"unknown ({type(error).__name__}: {error})"
+
+
+def _own_devices() -> Iterator[str]:
+    from ..devices.configuration import load_device
+
+    for path in sorted(resources.user_devices().glob("*.json")):
+        try:
+            load_device(path)
+            yield path.stem
+        except HfxError:
+            yield f"{path.stem} (has a fault: hfx device check)"
 
 
 def _compiled_part() -> str:

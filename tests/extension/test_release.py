@@ -353,6 +353,8 @@ def test_a_site_without_an_address_has_no_map(tmp_path: Path) -> None:
     site = make.site(tmp_path / "site")
     assert (site / "index.html").is_file() and (site / "install.html").is_file()
     assert list(site.glob("sitemap*")) == []
+    licences = (site / "THIRD-PARTY-LICENCES.txt").read_text(encoding="utf-8")
+    assert "Martin Donath" in licences and "Permission is hereby granted" in licences
 
 
 def test_the_core_package_leads_to_first_values_with_files_of_its_own(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import pytest
 from hfx_blender import cli
 from hfx_blender.commands import doctor
 from hfx_blender.devices.live import discovery
+from hfx_blender.files import resources
 from hfx_blender.version import __version__
 
 
@@ -57,6 +58,17 @@ def test_damaged_libraries_are_named_beside_all_other_facts(
     assert facts["Library websockets"].startswith("cannot be loaded (")
     assert facts["Serial ports"].startswith("unknown (")
     assert facts["Library numpy"] == np.__version__
+
+
+def test_a_device_file_with_a_fault_is_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("HFX_DEVICES", str(tmp_path))
+    shipped = resources.device_configs() / "waist_belt.json"
+    (tmp_path / "belt.json").write_text(shipped.read_text())
+    (tmp_path / "torn.json").write_text('{"bad json')
+    named = _facts(capsys)["Devices of the user"]
+    assert named == "belt, torn (has a fault: hfx device check)"
 
 
 def test_ports_without_permission_are_named(
