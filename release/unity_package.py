@@ -20,9 +20,9 @@ PACKAGE = PLAYERS / "unity"
 def package_files(package: Path = PACKAGE) -> dict[str, bytes]:
     """Paths in the package and contents, without tests, and with the licence of the start-up code
     in the libraries for Windows."""
-    # Unity ignores folders with a tilde, which need no .meta files.
+    # Unity ignores folders with a tilde at the end, which need no .meta files.
     licence = (PLAYERS.parent / "licences" / "mingw_w64.txt").read_bytes()
-    return {"Licences~/mingw_w64.txt": licence} | {
+    return {"Documentation~/LICENSE-mingw_w64.txt": licence} | {
         path.relative_to(package).as_posix(): path.read_bytes()
         for path in sorted(package.rglob("*"))
         if path.is_file() and path.relative_to(package).parts[0] != "Tests~"

@@ -204,8 +204,8 @@ def volume_from_mesh(
     scene: bpy.types.Scene, modality: str, source: bpy.types.Object, name: str | None = None
 ) -> bpy.types.Object:
     """Add a volume effect with the shape of a mesh object, parented to that object: a copy that
-    shares the mesh, without animation and constraints. Raises InputError for another type of
-    object."""
+    shares the mesh, without animation, constraints and rigid body. Raises InputError for another
+    type of object."""
     if source.type != "MESH":
         raise InputError(f"'{source.name}' is a {source.type.lower()}, not a mesh.")
     # A copy shares the mesh and copies the modifiers, so that edits of the mesh apply to both.
@@ -218,7 +218,11 @@ def volume_from_mesh(
     copy.parent = source
     copy.matrix_parent_inverse.identity()
     copy.matrix_basis.identity()
-    return _make_effect(scene, copy, modality, "MESH")
+    effect = _make_effect(scene, copy, modality, "MESH")
+    if effect.rigid_body is not None:  # simulated below a simulated parent: a dependency cycle
+        with bpy.context.temp_override(scene=scene, object=effect, active_object=effect):
+            bpy.ops.rigidbody.object_remove()
+    return effect
 
 
 def add_painted(
