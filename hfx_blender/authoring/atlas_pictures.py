@@ -234,7 +234,7 @@ def _write(image: bpy.types.Image, weights: F64) -> None:
 
 
 def _layout(image: bpy.types.Image) -> str:
-    """Checksum of the places of all texels: versions of the add-on can place charts otherwise."""
+    """Checksum of the places of a picture's texels, which differ between versions of the add-on."""
     from ..engine.body import atlas
 
     return f"{zlib.crc32(atlas.texels(image[MODEL])[0].tobytes()):08x}"

@@ -104,7 +104,7 @@ def _overridable(kind: Callable[..., object], label: str, tip: str, **options: o
 
 
 def _constant(kind: Callable[..., object], label: str, tip: str, **options: object) -> object:
-    """Overridable :func:`_steady` property."""
+    """Property without keyframes and drivers that library overrides can change."""
     return _overridable(kind, label, tip, options=set(), **options)
 
 

@@ -78,7 +78,7 @@ def text_faults(script: Path) -> list[str]:
 
 
 def _binds_at_run_time(tree: ast.Module) -> bool:
-    """Test for a name or import that can bind ``render`` unseen, or a ``global render``."""
+    """Test for code that can bind ``render`` at run time, such as ``exec`` or ``global render``."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Global) and _ENTRY in node.names:
             return True
@@ -125,7 +125,7 @@ def _may_bind(statement: ast.stmt) -> bool:
 
 
 def _names(targets: list[ast.expr]) -> set[str]:
-    """Names among the targets of an assignment or deletion."""
+    """Names that an assignment or a deletion binds or removes."""
     return {target.id for target in targets if isinstance(target, ast.Name)}
 
 

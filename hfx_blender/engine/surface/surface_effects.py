@@ -194,7 +194,8 @@ class SurfaceEffects:
 
 
 def _search_m(area: HapticSurface) -> float:
-    """Largest distance of skin that is looked at, metres: further with forces, for the warning."""
+    """Largest distance of searched skin from a surface, metres; larger with a force law, so that
+    skin that is too deep for a force is counted."""
     return area.reach_m * (1 if area.law is None else _DEEP)
 
 

@@ -200,7 +200,7 @@ def test_the_picture_is_saved_with_the_file_and_stays_linked(effect: Any, tmp_pa
 def test_a_picture_with_the_layout_of_an_earlier_version_changes_no_weights(
     effect: Any, tmp_path: Path
 ) -> None:
-    """Its texels stand elsewhere: they are those of other vertices."""
+    """Texels at the places of the present layout are those of other vertices."""
     weights = np.eye(1, len(load_model(MODEL)), 3)[0]
     painting.set_weights(effect, weights)
     bpy.ops.hfx.area_atlas()

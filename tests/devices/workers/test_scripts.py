@@ -85,13 +85,18 @@ def connect(client: LiveClient, folder: Path, source: str, log: Path) -> None:
     )
 
 
-def test_returned_values_are_played(client: LiveClient, folder: Path, log: Path) -> None:
-    connect(client, folder, HALF, log)
+def feed_until_loud(client: LiveClient, log: Path) -> None:
+    """Send the same moment to the script until its device plays."""
     wait(
         client,
         lambda: any(map(is_loud, rows_of(log))),
         lambda: client.send_haptics("scripted", haptics()),
     )
+
+
+def test_returned_values_are_played(client: LiveClient, folder: Path, log: Path) -> None:
+    connect(client, folder, HALF, log)
+    feed_until_loud(client, log)
     assert rows_of(log)[-1]["values"][0] == 5.0
 
 
@@ -110,11 +115,7 @@ def render(haptics):
     return [Strength().m_s2, 100.0] * 8
 """
     connect(client, folder, source, log)
-    wait(
-        client,
-        lambda: any(map(is_loud, rows_of(log))),
-        lambda: client.send_haptics("scripted", haptics()),
-    )
+    feed_until_loud(client, log)
     assert rows_of(log)[-1]["values"][0] == 5.0
 
 
@@ -148,11 +149,7 @@ def render(haptics):
 def test_limits_come_after_the_script(client: LiveClient, folder: Path, log: Path) -> None:
     source = "def render(haptics):\n    return [1e9, float('nan')] + [1e9, 1e9] * 7\n"
     connect(client, folder, source, log)
-    wait(
-        client,
-        lambda: any(map(is_loud, rows_of(log))),
-        lambda: client.send_haptics("scripted", haptics()),
-    )
+    feed_until_loud(client, log)
     for row in filter(is_loud, rows_of(log)):
         assert row["values"][:2] == [0.0, 100.0]  # not a number: silent motor
         assert row["values"][2:] == [15.0, 250.0] * 7
