@@ -6,8 +6,6 @@ write past the property, may store NaN, negative lengths, unknown menu items, or
 number. Every property is checked, including properties of later versions.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -20,7 +18,7 @@ from . import compat
 _NUMBERS = {"BOOLEAN": (bool, int), "INT": (int,), "FLOAT": (float,), "ENUM": (int,)}
 _ARRAYS = {"BOOLEAN": "bi", "INT": "i", "FLOAT": "fd"}  # types of elements
 _MOST_FAULTS = 1024
-_FAULTS: dict[tuple[type, str], list[BadValue]] = {}  # by type of owner and text of its values
+_FAULTS: "dict[tuple[type, str], list[BadValue]]" = {}  # by type of owner and text of its values
 _ENDLESS = 3e38
 """Bound of a float property without limits."""
 _HARD_LIMITS: dict[tuple[str, str], tuple[float, float]] = {}  # by type of group and property

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output of the command line: results, messages, and progress of long work."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -49,7 +47,7 @@ class Console:
         if self.as_json:
             self._write(self._out, json.dumps(value, indent=1, sort_keys=True) + "\n")
 
-    def progress(self, title: str) -> Progress:
+    def progress(self, title: str) -> "Progress":
         """Make a progress bar with the remaining time; visible on a terminal only."""
         return Progress(self, title)
 

@@ -5,8 +5,6 @@ A script runs in the same worker as in live playback, once for each row of the r
 first to the last row of the track. So the state does not depend on the division of the recording.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -50,7 +48,7 @@ class Rendered:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
-    def without(self, silent: Mapping[str, str]) -> Rendered:
+    def without(self, silent: Mapping[str, str]) -> "Rendered":
         """Copy without the rasters of some devices, given by id with the reasons."""
         played = [pair for pair in self.played if pair[0].id not in silent]
         return replace(self, played=played, silent={**self.silent, **silent})
@@ -224,7 +222,7 @@ class ScriptRun:
         self._went_on_at = 0.0
         self._left_s = SUM_S + SUM_ROW_S * len(answers)
 
-    def __enter__(self) -> ScriptRun:
+    def __enter__(self) -> "ScriptRun":
         try:
             self._worker.start()
         except OSError as error:  # too many processes, no memory

@@ -6,8 +6,6 @@ effects combine in the paper's palette (Danieau et al. 2018, section 3.3.2). Sum
 are none of their colours: the strongest sensation has its colour there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -55,7 +53,7 @@ class Spread:
     shares: F64  # (A, k) weights, rows sum to 1
 
     @classmethod
-    def of_neighbours(cls, nearest: npt.NDArray[np.int64], distances_m: F64) -> Spread:
+    def of_neighbours(cls, nearest: npt.NDArray[np.int64], distances_m: F64) -> "Spread":
         """Inverse-distance weights, rows with sum 1, from the k nearest model vertices (A, k) of A
         avatar vertices and their distances in rest space, at least 1 micrometre."""
         # A vertex on top of a model vertex takes nearly all of the colour, without a division by 0.

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Haptic samples, the engine's output: vertices, effect, time and strength."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final
@@ -30,7 +28,7 @@ class Impact:
     speeds_m_s: F32  # (n,) approach of skin and volume along the normal
     normals: F32  # (n, 3) outward normals of the volume, world space
 
-    def part(self, chosen: slice) -> Impact:
+    def part(self, chosen: slice) -> "Impact":
         """Impacts of a slice ``chosen`` of the vertices."""
         return Impact(self.times_s[chosen], self.speeds_m_s[chosen], self.normals[chosen])
 
@@ -43,7 +41,7 @@ class Drive:
     actuators: tuple[str, ...]
     values: F32  # (n, A) 0..1, one row per sample
 
-    def part(self, chosen: slice) -> Drive:
+    def part(self, chosen: slice) -> "Drive":
         """Values of a slice ``chosen`` of the samples."""
         return Drive(self.device_id, self.actuators, self.values[chosen])
 
@@ -131,7 +129,7 @@ class SampleRun:
             return len(self.vertices)  # no shared sets
         return int(self.sizes.sum())
 
-    def one(self, k: int) -> SampleRun:
+    def one(self, k: int) -> "SampleRun":
         """Run with only sample ``k``, with its own vertex set, impacts and drive; other samples are
         dropped."""
         # Row k of the samples, but the entries of its set, which other samples may share.

@@ -4,8 +4,6 @@
 All files are written into a hidden folder at the destination and moved into place when complete.
 """
 
-from __future__ import annotations
-
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -89,7 +87,7 @@ class ExportSettings:
         object.__setattr__(self, "devices", tuple(devices.values()))
         object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
 
-    def without(self, missing: Mapping[str, str]) -> ExportSettings:
+    def without(self, missing: Mapping[str, str]) -> "ExportSettings":
         """Return settings without the given devices, mapped to reasons; InputError without
         output."""
         if not missing:

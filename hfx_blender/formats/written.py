@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Result of a writer, and helpers for files and file names."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections.abc import Sequence
@@ -27,12 +25,12 @@ class Written:
     left_out: tuple[str, ...] = ()  # losses, a sentence each without a full stop
     notes: tuple[str, ...] = ()  # simplification errors, silent actuators without a file
 
-    def __add__(self, other: Written) -> Written:
+    def __add__(self, other: "Written") -> "Written":
         return Written(
             self.files + other.files, self.left_out + other.left_out, self.notes + other.notes
         )
 
-    def prefixed(self, title: str) -> Written:
+    def prefixed(self, title: str) -> "Written":
         """Copy with a title and a colon before every sentence of ``left_out`` and ``notes``."""
         left_out = tuple(f"{title}: {loss}" for loss in self.left_out)
         return Written(self.files, left_out, tuple(f"{title}: {note}" for note in self.notes))

@@ -4,8 +4,6 @@
 Steering changes size, depth, wear, direction, weave and colour of the material.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, replace
 from typing import Final
 
@@ -126,7 +124,7 @@ class Steering:
     direction_deg: int = 0  # rotation: 0, 45 or 90
     draft: str | None = None  # key of procedural.DRAFTS, in place of the material's relief
 
-    def clipped(self) -> Steering:
+    def clipped(self) -> "Steering":
         """Copy with scale and depth clipped to 0.03..30, wear and roughness to -1..1."""
         return replace(
             self,

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Worker processes: start, messages in both directions, time limits and end; both their sides."""
 
-from __future__ import annotations
-
 import io
 import os
 import queue
@@ -70,9 +68,9 @@ class Worker:
         self,
         module: str,
         *arguments: str | os.PathLike[str],
-        received: Callable[[Worker, Message], str | None] | None = None,
-        ended: Callable[[Worker, str], None] | None = None,
-        outgoing: Callable[[Worker], Iterator[bytes]] | None = None,
+        received: "Callable[[Worker, Message], str | None] | None" = None,
+        ended: "Callable[[Worker, str], None] | None" = None,
+        outgoing: "Callable[[Worker], Iterator[bytes]] | None" = None,
         variables: Mapping[str, str] | None = None,
         keeps_errors: bool = False,
         has_urgent_pipe: bool = False,

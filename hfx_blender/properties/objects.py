@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Object properties stored in a .blend: ``Object.hfx`` of effects and bodies."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import bpy
@@ -81,18 +79,18 @@ ABOUT_WHAT = (
 DOMAINS = (("time", "Time", "Seconds since the scene's first frame"), *ABOUT_WHAT)
 
 
-def _redraw_volume(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
+def _redraw_volume(self: "HfxObjectProperties", _context: bpy.types.Context) -> None:
     # On use: the modules load numpy, and Blender's start does not wait for it.
     from ..authoring import volumes
 
     volumes.refresh_display(self.id_data)
 
 
-def _store_body_name(self: HfxObjectProperties, _context: bpy.types.Context) -> None:
+def _store_body_name(self: "HfxObjectProperties", _context: bpy.types.Context) -> None:
     self.body_name = "" if self.body is None else self.body.name
 
 
-def _refresh_bones(self: HfxMappedBone, _context: bpy.types.Context) -> None:
+def _refresh_bones(self: "HfxMappedBone", _context: bpy.types.Context) -> None:
     from ..avatars import bone_table
 
     bone_table.refresh(self.id_data)

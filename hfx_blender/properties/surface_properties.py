@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Surface settings of an object (``Object.hfx.surface``), calibration, and material generation."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable
 
@@ -44,7 +42,7 @@ IMAGE_KINDS = (
 )
 
 
-def _request_update(self: HfxSurfaceProperties, _context: bpy.types.Context) -> None:
+def _request_update(self: "HfxSurfaceProperties", _context: bpy.types.Context) -> None:
     from ..authoring.surfaces import surface_updates
 
     surface_updates.request(self.id_data)
@@ -212,7 +210,7 @@ class HfxSurfaceProperties(bpy.types.PropertyGroup):
     )
 
 
-def _store_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> None:
+def _store_drive(self: "HfxSurfaceCalibration", _context: bpy.types.Context) -> None:
     from ..devices.configurations import surface_calibration
 
     surface_calibration.store(self.drive * 1000.0, self.device)
@@ -220,7 +218,7 @@ def _store_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> No
         events.announce("live forget")  # updates the description of all surfaces
 
 
-def _load_drive(self: HfxSurfaceCalibration, _context: bpy.types.Context) -> None:
+def _load_drive(self: "HfxSurfaceCalibration", _context: bpy.types.Context) -> None:
     from ..devices.configurations import surface_calibration
 
     # As an ID property: an assignment would call the update, which stores the value again.

@@ -9,8 +9,6 @@ most ``D t + (1 - D) maximum_on_s`` with ``D = maximum_on_s / (maximum_on_s + re
 The strength does not matter: any value but silence is on. Time of unknown use counts as on.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
@@ -77,7 +75,7 @@ class DutyBudget:
         self.unknown_s = np.append(self.unknown_s, np.zeros(more))
         return np.array([self.slots[name] for name in names], np.int64)
 
-    def is_used_before(self, player: TimeOn | None) -> Bool:
+    def is_used_before(self, player: "TimeOn | None") -> Bool:
         """Mask (slots,) of slots used by players that started before ``player``; None: by any."""
         is_used = np.zeros(len(self.load), np.bool_)
         for earlier, slots in self.players.items():
@@ -86,7 +84,7 @@ class DutyBudget:
             is_used[slots.own] = True
         return is_used
 
-    def is_on_for_others(self, player: TimeOn) -> Bool:
+    def is_on_for_others(self, player: "TimeOn") -> Bool:
         """Mask (slots,) of slots whose actuators are on now for players other than ``player``."""
         is_on = np.zeros(len(self.load), np.bool_)
         for playing, slots in self.players.items():

@@ -6,8 +6,6 @@ the values (columns,) of the device; then the number, W amplitudes and W frequen
 of each tone, for W actuators with a waveform.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -37,7 +35,7 @@ class Tones:
     frequencies_hz: F64  # (K, W)
 
     @classmethod
-    def none(cls, width: int) -> Tones:
+    def none(cls, width: int) -> "Tones":
         """No tones, at ``width`` actuators."""
         return cls(np.zeros(0, np.int64), np.zeros((0, width)), np.zeros((0, width)))
 

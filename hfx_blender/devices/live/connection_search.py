@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Search for the connections of a device before it is connected: ports, toys, sound cards."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Generator, Iterator
@@ -50,7 +48,7 @@ class Connections:
     ports: Choices = ()  # serial ports, or sound cards
     units: Choices = ()  # devices of a server
     hint: str = ""  # what is missing, and the cure; "": nothing
-    more: tuple[Connections, ...] = ()  # of the outputs after the first
+    more: "tuple[Connections, ...]" = ()  # of the outputs after the first
 
 
 def why_not(device: DeviceConfig, kind: str) -> str:

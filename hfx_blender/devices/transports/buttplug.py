@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Output to a device of a Buttplug v4 server such as Intiface (docs.buttplug.io, JSON messages)."""
 
-from __future__ import annotations
-
 import json
 import math
 import threading
@@ -30,7 +28,7 @@ _EXPECTED: Final = "Expected is what a Buttplug server such as Intiface Central 
 
 _opening: defaultdict[tuple[str, int], threading.Lock] = defaultdict(threading.Lock)
 _users = threading.Lock()
-_servers: dict[tuple[str, int], Server] = {}
+_servers: "dict[tuple[str, int], Server]" = {}
 had_before: dict[tuple[tuple[str, int], str], str] = {}
 """Label of the server's device that was chosen last, by server and id of the configuration; only
 where several devices fitted."""

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Samples at which effects are on, and at which bodies receive a strength above 0."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -82,7 +80,7 @@ class FeltTimes:
         if not np.isnan(level_db):
             self.strongest_db[effect_id] = max(self.strongest_db.get(effect_id, level_db), level_db)
 
-    def add(self, later: FeltTimes) -> None:
+    def add(self, later: "FeltTimes") -> None:
         """Add the counts of another part of the recording, in place."""
         self.is_on |= later.is_on
         self.no_number |= later.no_number

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """World boxes of posed skin, and positions of skin that no bones move."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,7 +42,7 @@ class ReachableBounds:
     @classmethod
     def around(
         cls, rows: I64, low: F64, high: F64, places: F64 | None = None, own: F64 | None = None
-    ) -> ReachableBounds:
+    ) -> "ReachableBounds":
         """Bounds from world cluster boxes (n, C, 3) at rows (n,). NaN at a row makes ``of_rows``
         NaN there, and is ignored in ``of_clusters``; boxes around nothing are inf to -inf."""
         of_rows = low.min(axis=1, initial=np.inf), high.max(axis=1, initial=-np.inf)

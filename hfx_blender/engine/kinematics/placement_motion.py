@@ -5,8 +5,6 @@ The origin moves straight; axes rotate about it by the smallest angle and stretc
 keyed location, rotation and scale between two frames.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +27,7 @@ class Motion:
     angles: F64  # (n,) radians, 0 to pi
 
     @classmethod
-    def between(cls, before: F64, after: F64) -> Motion:
+    def between(cls, before: F64, after: F64) -> "Motion":
         """Motion from matrices (n, 4, 4) at the start and at the end, as a turn, a stretch and a
         shift."""
         # Rotation and stretch are interpolated apart, so that no axis shrinks on the way.

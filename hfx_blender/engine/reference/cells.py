@@ -12,8 +12,6 @@ on the edge to 1 and a point in the middle to a point on the edge to 2. Each qua
 samples, each in the middle of the part of the quad.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -57,7 +55,7 @@ class Skin:
     owner: I32  # (V of the surface,) model vertex whose cell holds each surface vertex
 
     @classmethod
-    def of(cls, model: PerceptualModel, finer: PerceptualModel | None = None) -> Skin:
+    def of(cls, model: PerceptualModel, finer: PerceptualModel | None = None) -> "Skin":
         """Skin of a model, sampled on its own triangles or on those of a finer model (not None). On
         limbs, temperature vertices are 150 mm apart, too far to approximate the skin."""
         if finer is None:

@@ -7,8 +7,6 @@ reads it from a file, :mod:`hfx_blender.devices.host.opening` opens its output. 
 files are chosen when a device is connected, never here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -349,7 +347,7 @@ class DeviceConfig:
         return self.outputs[0] if len(self.outputs) == 1 else None
 
     @cached_property
-    def parts(self) -> tuple[DeviceConfig, ...]:
+    def parts(self) -> "tuple[DeviceConfig, ...]":
         """Device for each output, with the actuators of this output only; the device itself if it
         has one output, empty if it has none."""
         if len(self.outputs) < 2:
@@ -363,7 +361,7 @@ class DeviceConfig:
             for output in self.outputs
         )
 
-    def rendered_by(self, scheme: str) -> DeviceConfig:
+    def rendered_by(self, scheme: str) -> "DeviceConfig":
         """Device with another scheme of default options; unchanged for "" or the present scheme."""
         if not scheme or scheme == self.scheme.name:
             return self

@@ -5,8 +5,6 @@ Danieau et al. (VRST 2018): "grounded devices" stay in place while the user walk
 in a play space, an object of the scene; teleporting moves that object.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -32,7 +30,7 @@ class PlaySpace:
         self._inverses = affine_inverse(matrices)
 
     @classmethod
-    def of_settings(cls, settings: Mapping[str, Any]) -> PlaySpace:
+    def of_settings(cls, settings: Mapping[str, Any]) -> "PlaySpace":
         """Play space of a track's settings; the world itself without an entry. Raises InputError
         for a malformed entry, or an unusable pose."""
         content = settings.get(SETTING)

@@ -6,8 +6,6 @@ moment between two samples counts at the later sample. Touches of each stream mu
 order of time, in parts of any size: splitting time does not change a byte.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
@@ -93,7 +91,7 @@ class _Timeline:
     is_touched: Bool  # (N,)
 
     @classmethod
-    def of(cls, touches: Touches, memory: Memory) -> _Timeline:
+    def of(cls, touches: Touches, memory: Memory) -> "_Timeline":
         """Timeline of the samples of ``touches`` and the moments between, after those of
         ``memory``."""
         between, rows = touches.between, np.arange(len(touches))

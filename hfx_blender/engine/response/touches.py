@@ -4,8 +4,6 @@
 Without memory, blocks can be evaluated anywhere and in any order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
@@ -41,7 +39,7 @@ class Between:
     times_s: F64  # (m,)
     set_of: I64  # (m,) set numbers
 
-    def part(self, rows: slice) -> Between:
+    def part(self, rows: slice) -> "Between":
         """Moments in the intervals before the samples ``rows`` (a slice), with rows counted from
         the slice's start."""
         first, last = np.searchsorted(self.rows, [rows.start, rows.stop]).tolist()
@@ -79,7 +77,7 @@ class Touches:
     def __len__(self) -> int:
         return len(self.indices)
 
-    def part(self, rows: slice) -> Touches:
+    def part(self, rows: slice) -> "Touches":
         """Touches at times ``rows`` (a slice), with all vertex sets."""
         columns = {
             name: getattr(self, name)[rows] for name in _COLUMNS if getattr(self, name) is not None

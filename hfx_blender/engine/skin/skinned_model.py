@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Models moved by bones: linear blend skinning, and skin weights bound to the bones of a body."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -30,7 +28,7 @@ class BoundWeights:
     bone_count: int  # number of bones of the body
 
     @classmethod
-    def of(cls, model: PerceptualModel, bone_names: tuple[str, ...]) -> BoundWeights:
+    def of(cls, model: PerceptualModel, bone_names: tuple[str, ...]) -> "BoundWeights":
         """Weights of a model on a body with these bones; vertices without weights get weight 1 on
         an additional bone at rest. Cached, the model must not change. Raises ValueError: a bone
         with weights is missing."""

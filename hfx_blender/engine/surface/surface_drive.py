@@ -6,8 +6,6 @@ Samples are independent of devices, so surfaces rendered by heights are sampled 
 c_v, up to the surface's largest amplitude.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -34,7 +32,7 @@ class SurfaceDrive:
     full_m_s2: float  # amplitude at drive 1
 
     @classmethod
-    def of(cls, texture: SurfaceTexture) -> SurfaceDrive | None:
+    def of(cls, texture: SurfaceTexture) -> "SurfaceDrive | None":
         """Drive of a texture by the common c_v (drive per metre of height), which the c_v
         calibrated for a device replaces. None if nothing may replace it: for micro-collisions
         (MCHA), and for a c_v set on the object."""

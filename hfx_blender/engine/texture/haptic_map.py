@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Material of a haptic surface: heights, renderer, and haptic map relative to a device's range."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Final
@@ -119,7 +117,7 @@ class HapticMap:
         rows, columns = self.intensity.shape
         return columns * self.texel_m[0], rows * self.texel_m[1]
 
-    def in_steps(self, steps: NoticeableSteps | None = None) -> HapticMap:
+    def in_steps(self, steps: NoticeableSteps | None = None) -> "HapticMap":
         """Copy with both layers rounded to noticeable steps; None: the default steps."""
         steps = steps or NoticeableSteps()
         return replace(

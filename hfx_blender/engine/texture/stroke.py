@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Strokes of a finger on a surface, at uneven times as from a touch screen."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
@@ -84,7 +82,7 @@ class Stroke:
         inside = (which >= 0) & (times <= self.times_s[-1])
         return np.where(inside, self.speeds_m_s[np.clip(which, 0, len(self.times_s) - 2)], 0.0)
 
-    def resampled(self, rate_hz: float) -> Stroke:
+    def resampled(self, rate_hz: float) -> "Stroke":
         """Stroke sampled at a rate from its start on, as by a touch screen, with its last position.
         Raises InputError for a rate that is not positive."""
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):

@@ -7,8 +7,6 @@ significance. Deflate removes the resulting zeros. The layout is described in
 ``docs/track-format.md``.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -58,7 +56,7 @@ class Section:
     focus: F32 | None = None  # (n, FOCUS_COLUMNS); None unless a spot
     drive: F32 | None = None  # (n, A); None unless actuators
 
-    def parts(self, size: int) -> Iterator[tuple[int, Section]]:
+    def parts(self, size: int) -> "Iterator[tuple[int, Section]]":
         """Yield (number, section) for each group of ``size`` steps with samples, ascending. Steps
         are relative to the group's first step. The first sample of a part always has a new set."""
         # Rows, then sets, then (set, vertex) entries of each part.

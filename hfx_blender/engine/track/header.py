@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Header of a HapticTrack."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -117,7 +115,7 @@ class TrackHeader:
         *,
         settings: Mapping[str, Any],
         tools: Mapping[str, Any],
-    ) -> TrackHeader:
+    ) -> "TrackHeader":
         """Header of a recording of ``scene``. A volume has a stream for each body, every other
         effect a single stream. ``models`` by id may hold unused models, which are omitted."""
         streams, effects = [], []

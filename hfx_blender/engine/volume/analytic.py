@@ -4,8 +4,6 @@
 Size, stretch and shear are in the placing matrix.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -37,7 +35,7 @@ def _half_widths(linear: F64) -> F64:
     return widths
 
 
-def _across(linear: F64) -> Ellipsoid:
+def _across(linear: F64) -> "Ellipsoid":
     """Cross-section, across its world axis, of the Z cylinder under a linear map (3, 3)."""
     scale = np.max(np.abs(linear[:, 2]))
     axis = linear[:, 2] / scale if scale > 0.0 else linear[:, 2]
@@ -173,7 +171,7 @@ class Ellipsoid:
     axes: F64  # (n, n) rows: principal directions in the ball's own space
 
     @classmethod
-    def of_map(cls, linear: F64) -> Ellipsoid:
+    def of_map(cls, linear: F64) -> "Ellipsoid":
         """Image of the unit ball under ``linear``, (m, n) with m >= n."""
         _, semi_axes, axes = np.linalg.svd(linear, full_matrices=False)
         return cls(semi_axes, axes)

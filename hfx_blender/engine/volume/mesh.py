@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mesh volume: the closed surface of another object, decimated where a tolerance allows."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from importlib.util import find_spec
@@ -114,7 +112,7 @@ class MeshVolume:
         """True from 50,000 triangles on, where decimation pays."""
         return len(self._triangles) >= MANY_FACES
 
-    def within(self, bound: float) -> MeshVolume:
+    def within(self, bound: float) -> "MeshVolume":
         """Volume of fewer faces whose surface is within ``bound``, or this volume; cached.
         ``bound`` is in shape space; see :func:`.mesh_topology.decimated`."""
         if bound not in self._fewer:
@@ -133,7 +131,7 @@ class MeshVolume:
         return self._fewer[bound]
 
     @cached_property
-    def _fewer(self) -> dict[float, MeshVolume]:
+    def _fewer(self) -> "dict[float, MeshVolume]":
         return {}
 
     def __getstate__(self) -> dict[str, Any]:

@@ -6,8 +6,6 @@ of its weights, with the effect's own envelope. A volume becomes a channel for e
 part, with the strongest contact at each sample and all touched vertices of the part.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -124,7 +122,7 @@ def _recorded_model(id: str, track: TrackReader) -> PerceptualModel:
 
 
 def _groups(
-    header: TrackHeader, collected: Mapping[Stream, _Collected]
+    header: TrackHeader, collected: "Mapping[Stream, _Collected]"
 ) -> dict[tuple[str, str, str], list[Stream]]:
     """Streams with samples on a body by (body, model, modality), without effects on actuators."""
     groups: dict[tuple[str, str, str], list[Stream]] = {}
@@ -138,7 +136,7 @@ def _groups(
 def _losses(
     header: TrackHeader,
     written: Sequence[Stream],
-    collected: Mapping[Stream, _Collected],
+    collected: "Mapping[Stream, _Collected]",
     turning: Sequence[str],
 ) -> Iterator[str]:
     """Yield a sentence on vibrations above 1000 Hz of ``written`` streams, on the winds named

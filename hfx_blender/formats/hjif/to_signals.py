@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """HJIF envelopes of all channels, for other formats and for imported effects."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -137,7 +135,7 @@ class _Parts:
         self.lost: Counter[str] = Counter()
         self._is_vibration, self._gain = is_vibration, gain
 
-    def add(self, band: dict[str, Any], timescale: int, unfolding: Unfolding) -> None:
+    def add(self, band: dict[str, Any], timescale: int, unfolding: "Unfolding") -> None:
         """Decode the effects of a band; a curve of a vibration is a waveform. Raises TooLargeError
         and InputError as :meth:`Unfolding.effects`."""
         placed = list(unfolding.effects(band["effects"], self.lost))
@@ -173,7 +171,7 @@ def _envelope(
     channel: dict[str, Any],
     timescale: int,
     full_scale: float | None,
-    unfolding: Unfolding,
+    unfolding: "Unfolding",
 ) -> Envelope:
     """Mix the bands of a channel; curves are left out in a channel with waves or ticks.
     ``full_scale``: largest amplitude of the reference device, or None. Losses are in

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Piecewise linear curves, and their reduction to the fewest keyframes within a tolerance."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
@@ -70,7 +68,7 @@ class Curve:
         return np.asarray(np.where(self.times_s[first] == times, self.values[first], values))
 
     @classmethod
-    def of(cls, times_s: npt.ArrayLike, values: npt.ArrayLike) -> Curve:
+    def of(cls, times_s: npt.ArrayLike, values: npt.ArrayLike) -> "Curve":
         """Create a curve from any sequences of numbers; ValueError as for the class."""
         return cls(np.asarray(times_s, np.float64), np.asarray(values, np.float64))
 

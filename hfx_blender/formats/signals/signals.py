@@ -5,8 +5,6 @@ Amplitude is a share of full scale, 0 to 1. Full scale is the largest amplitude 
 vibration actuator of the device. Time 0 is the first row of the raster.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
@@ -118,7 +116,7 @@ class FrequencyRange:
         if not 0.0 <= self.lowest_hz <= self.highest_hz < np.inf:
             raise ValueError(f"not a range of frequencies: {self}")
 
-    def held(self, requested: FrequencyRange) -> FrequencyRange:
+    def held(self, requested: "FrequencyRange") -> "FrequencyRange":
         """Range to store for a requested range, in a format with this default range.
 
         A stated range is kept. A single stated frequency widens the default range if outside; an

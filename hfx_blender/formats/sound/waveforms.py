@@ -6,8 +6,6 @@ Frequency is the instantaneous frequency weighted by power (L. Cohen, "Time-freq
 distributions - a review", 1989).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -43,7 +41,7 @@ class Waveform:
         """Time after the last sample, seconds."""
         return self.start_s + len(self.values) / self.rate_hz
 
-    def until(self, end_s: float) -> Waveform:
+    def until(self, end_s: float) -> "Waveform":
         """Waveform cut at ``end_s``; unchanged if ``end_s`` is not after the start, or after the
         end."""
         count = round((end_s - self.start_s) * self.rate_hz)

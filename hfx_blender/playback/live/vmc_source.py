@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Poses of a person from a program that sends the VMC protocol."""
 
-from __future__ import annotations
-
 from mathutils import Quaternion, Vector
 
 from ...avatars.tracked_rig import HumanPose

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Actuators of the scene's devices as discs on the skin, glowing with their output."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -61,7 +59,7 @@ class _DeviceOnBody:
 
     device: DeviceConfig
     body_id: str
-    places: ActuatorPlaces
+    places: "ActuatorPlaces"
     columns: npt.NDArray[np.int64]  # (A,) of the strengths among the values
     neutral: F64  # (A,) silent strength
     reach: F64  # (A,) from neutral to full strength

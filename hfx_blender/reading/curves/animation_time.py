@@ -5,8 +5,6 @@ Played frames are frames of the timeline, at the scene's frame rate. Keyframes, 
 animation frames, which time remapping scales.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -90,7 +88,7 @@ class ExactFrames:
     step: float  # animation frames per sample
 
     @classmethod
-    def of(cls, scene: bpy.types.Scene, time: TimeBase) -> ExactFrames:
+    def of(cls, scene: bpy.types.Scene, time: TimeBase) -> "ExactFrames":
         """Conversion between samples of ``time`` and animation frames of ``scene``."""
         length = float(_length(scene))
         return cls(time.frame_first * length, float(time.fps / time.rate_hz) * length)

@@ -4,8 +4,6 @@
 Plain motion only: actions, NLA clips, parents. Other causes raise :class:`NotModelledError`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 
@@ -53,13 +51,13 @@ class Parents:
         self._objects: dict[bpy.types.Object, PlainObject] = {}
         self._rigs: dict[bpy.types.Object, PlainRig] = {}
 
-    def object(self, obj: bpy.types.Object) -> PlainObject:
+    def object(self, obj: bpy.types.Object) -> "PlainObject":
         """Kinematics of an object, made at the first request; raises NotModelledError."""
         if obj not in self._objects:
             self._objects[obj] = PlainObject(obj, parents=self)
         return self._objects[obj]
 
-    def rig(self, obj: bpy.types.Object) -> PlainRig:
+    def rig(self, obj: bpy.types.Object) -> "PlainRig":
         """Kinematics of an armature, made at the first request; raises NotModelledError."""
         if obj not in self._rigs:
             self._rigs[obj] = PlainRig(obj, self)

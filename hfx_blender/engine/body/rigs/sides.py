@@ -6,8 +6,6 @@ A copied half of a rig often keeps the other half's names, or has two sides
 contradicts the limb's position.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -114,7 +112,7 @@ class _LeftAxis:
     @classmethod
     def of(
         cls, rig: Rig, names: Mapping[str, BoneName], roots: Mapping[str, str]
-    ) -> _LeftAxis | None:
+    ) -> "_LeftAxis | None":
         """Left-right axis of a rig from pairs of limb bones of one slot and depth; None without two
         pairs across one plane, or if names do not tell left from right."""
         main = [name for name in roots if names[name].slot.split()[0] not in _DIGITS]

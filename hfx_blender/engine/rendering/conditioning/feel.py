@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Perception of the wearer: equal strength at all places, adaptation and persistence."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -33,7 +31,7 @@ class Feel:
     persistence_s: float = 0.0
 
     @classmethod
-    def of_settings(cls, settings: Mapping[str, Any]) -> Feel:
+    def of_settings(cls, settings: Mapping[str, Any]) -> "Feel":
         """Perception of a track's settings. Raises InputError for a malformed entry."""
         try:
             feel = cls(**settings.get(SETTING, {}))
