@@ -306,8 +306,8 @@ class HFX_OT_use_models(_FittingOperator):
             text = f"Areas that stay on the earlier models: {named(names)}"
             self.report({"WARNING"}, translated(text))
         old, new = (sum(numbers) for numbers in zip((0, 0), *counts, strict=True))
-        moved = f"Moved {len(counts)} painted areas from {old} vertices to {new}"
-        return f"{moved}; body models: {' '.join(ids) or 'default'}"
+        moved = f"Painted areas moved: {len(counts)}, from {old} vertices to {new}"
+        return f"{moved}. Body models: {' '.join(ids) or 'default'}"
 
 
 class HFX_OT_show_model(HfxOperator):

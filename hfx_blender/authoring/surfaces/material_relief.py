@@ -41,11 +41,6 @@ class ReliefNodes:
     normal: bpy.types.NodeSocket | None = None  # further bent normal; None if missing
     is_surface_bent: bool = False  # bent by an unknown combination of shaders
 
-    @property
-    def has_normal(self) -> bool:
-        """Test for relief that only a bake of normals captures."""
-        return self.normal is not None or self.is_surface_bent
-
 
 def prepare(material: bpy.types.Material, name: str) -> None:
     """Give a material without nodes a shader with the colour and roughness. ``name`` is the

@@ -25,7 +25,7 @@ from ...engine.texture.height_field import heights_of_normals
 from ...engine.texture.relief.linear_light import luminance
 from ...engine.texture.scan import fill_holes
 from ...errors import InputError
-from . import material_relief, surface_uv
+from . import image_values, material_relief, surface_uv
 from .material_relief import ReliefNodes, Value
 from .surface_uv import Charts
 
@@ -49,11 +49,6 @@ class BakedMaterial:
     tiles: bool  # opposite edges match
     notes: tuple[str, ...]
 
-    @property
-    def is_flat(self) -> bool:
-        """Test for materials without any relief."""
-        return self.luminance is not None
-
 
 def bake(obj: bpy.types.Object, width: int, height: int, uv_map: str = "") -> BakedMaterial:
     """Bake an object's materials to maps of ``height`` rows of ``width`` texels.
@@ -74,8 +69,22 @@ def bake(obj: bpy.types.Object, width: int, height: int, uv_map: str = "") -> Ba
             "Render Engine' in the preferences."
         )
     surface_uv.update_mesh(obj)
-    with mesh_copies.scratch() as datablocks:
+    with _kept_images(), mesh_copies.scratch() as datablocks:
         return _bake(_Scratch(datablocks, obj), obj.name, width, height, uv_map)
+
+
+@contextmanager
+def _kept_images() -> Iterator[None]:
+    """Context at whose end each Image Editor has its image again: Blender shows the target of a
+    bake there, also in editors with a pinned image."""
+    spaces = [area.spaces.active for screen in bpy.data.screens for area in screen.areas]
+    shown = [(space, space.image) for space in spaces if space and space.type == "IMAGE_EDITOR"]
+    try:
+        yield
+    finally:
+        for space, image in shown:
+            if space.image != image:
+                space.image = image
 
 
 def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -> BakedMaterial:
@@ -102,8 +111,8 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
     if not np.isfinite(pixels[..., 0]).all():
         raise InputError(f"The material of '{owner}' has heights that are not finite numbers.")
     heights = pixels[..., 0].astype(np.float64) * unit
-    # Heights of displacement and bump are exact; normals are integrated, and added.
-    if any(relief.has_normal for relief in reliefs):
+    # Heights of displacement and bump are exact; further normals are integrated, and added.
+    if any(r.normal is not None or r.is_surface_bent for r in reliefs):
         texel_m = tile_m[0] / width, tile_m[1] / height
         normals = scratch.normals(reliefs)
         normals[~is_covered] = np.nan
@@ -242,9 +251,8 @@ class _Scratch:
         """Bake ``kind``, as EMIT, (H, W, 4), 0 outside of faces; InputError if Cycles fails."""
         image, layer = self._image, self.scene.view_layers[0]
         assert image is not None
-        width, height = image.size
         # Cleared here, as a bake clears to opaque black, and alpha marks faces.
-        image.pixels.foreach_set(np.zeros(width * height * 4, np.float32))
+        image.pixels.foreach_set(np.zeros(len(image.pixels), np.float32))
         image.update()
         layer.objects.active = self.copy
         layer.update()
@@ -270,9 +278,7 @@ class _Scratch:
         except RuntimeError as error:
             reason = str(error).strip().removeprefix("Error: ").splitlines()[0]
             raise InputError(f"Cycles cannot bake this surface ({reason}).") from error
-        pixels = np.zeros(width * height * 4, np.float32)
-        image.pixels.foreach_get(pixels)
-        return pixels.reshape(height, width, 4)
+        return image_values.pixels_of(image)
 
 
 @contextmanager

@@ -56,7 +56,7 @@ def _material_relief(obj: bpy.types.Object) -> SurfaceRelief:
     if baked.luminance is not None and float(np.ptp(baked.luminance)) > 1.0 / 512.0:
         heights = baked.luminance.astype(np.float64) * settings.height_mm / 1000.0
         notes.append("the material has no relief: its colour was used as heights")
-    elif baked.is_flat:
+    elif baked.luminance is not None:
         notes.append("the material has no relief: only its roughness is used")
     else:
         heights = heights - heights[baked.covered].mean()

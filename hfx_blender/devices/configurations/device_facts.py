@@ -56,8 +56,8 @@ class DeviceFacts:
 
     @property
     def summary(self) -> str:
-        """Modalities, number of actuators, and at most three places; "" for an unreadable
-        configuration. As "Vibration, 6 actuators: left hand and 2 more"."""
+        """Number of actuators, modalities, and at most three places; "" for an unreadable
+        configuration. As "6 actuators for vibration: left hand and 2 more"."""
         if self.device is None:
             return ""
         count = len(self.device.actuators)
@@ -65,7 +65,7 @@ class DeviceFacts:
         more = len(self.places) - len(named)
         where = ", ".join(named).lower() + (f" and {more} more" if more else "")
         plays = " and ".join(self.device.modalities)
-        return f"{plays.capitalize()}, {count} actuator{'' if count == 1 else 's'}: {where}"
+        return f"{count} actuator{'' if count == 1 else 's'} for {plays}: {where}"
 
 
 def facts_of(name: str) -> DeviceFacts:

@@ -285,4 +285,4 @@ class HFX_OT_copy_clips(_OfEffect):
         if not others:
             raise InputError("Select the target effects first, and this effect last.")
         count = sum(clips.copy_clips(source, effect) for effect in others)
-        return f"Added {count} clips"
+        return f"Clips added: {count}"

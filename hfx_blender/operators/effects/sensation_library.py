@@ -159,7 +159,7 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
         path = Path(self.filepath)
         sensation = _selected(context, self.name or path.stem.replace("_", " ").title())
         effect_file.save(sensation, path)
-        return f"Saved {len(sensation.effects)} effects to {path.name}"
+        return f"Effects saved to {path.name}: {len(sensation.effects)}"
 
 
 _IMPORTED = [info.suffix for info in FORMATS.values() if info.decode]
@@ -230,7 +230,7 @@ class HFX_OT_copy_effects(HfxOperator):
         global copied_sensation
         sensation = _selected(context, "Copied")
         copied_sensation = context.window_manager.clipboard = effect_file.text_of(sensation)
-        return f"Copied {len(sensation.effects)} effects"
+        return f"Effects copied: {len(sensation.effects)}"
 
 
 class HFX_OT_paste_effects(HfxOperator):
@@ -243,4 +243,4 @@ class HFX_OT_paste_effects(HfxOperator):
         if not text.lstrip().startswith("{"):
             raise InputError("There are no effects to paste: copy some first.")
         objects = _place(context, replace(effect_file.from_text(text), name=""))
-        return f"Pasted {len(objects)} effects"
+        return f"Effects pasted: {len(objects)}"

@@ -91,13 +91,13 @@ def _draw_level(layout: bpy.types.UILayout, effect: bpy.types.Object, *, is_equa
         # On use: it loads numpy, and Blender's start does not wait for it.
         from ...authoring.effects.sensation_levels import level_text
 
-        text = level_text(effect, is_equal=is_equal).removesuffix(" SL")
+        text = level_text(effect, is_equal=is_equal).removesuffix(" dB SL")
     except InputError:
         return  # the panel of the area states the fault
     if text:
         row = layout.row()
         row.alert = text.rpartition("to ")[2].startswith("-")
-        row.label(text=translated(f"Above threshold: {text}"), icon="MOD_INSTANCE")
+        row.label(text=translated(f"Above threshold: {text} dB"), icon="MOD_INSTANCE")
 
 
 class _Presets:
@@ -325,8 +325,8 @@ class HFX_PT_path(HfxPanel, bpy.types.Panel):
         grid.operator_menu_enum(
             "hfx.path_from_library", "name", text="Library", icon="ASSET_MANAGER"
         )
+        layout.operator("hfx.move_along_path", icon="PLAY")
         row = layout.row(align=True)
-        row.operator("hfx.move_along_path", text="Move", icon="PLAY")
         row.operator("hfx.reverse_path", text="Reverse", icon="ARROW_LEFTRIGHT")
         row.operator("hfx.mirror_path", text="Mirror", icon="MOD_MIRROR")
         row = layout.row(align=True)

@@ -225,7 +225,7 @@ class HFX_PT_export(HfxPanel, bpy.types.Panel):
             )
             row.operator("hfx.show_report", text="", icon="TEXT")
             folder = str(written.report.folder)
-            row.operator("wm.path_open", text="Open", icon="FILE_FOLDER").filepath = folder
+            row.operator("wm.path_open", text="", icon="FILE_FOLDER").filepath = folder
 
 
 class HFX_PT_sampling(HfxPanel, bpy.types.Panel):

@@ -153,8 +153,7 @@ class HFX_PT_surface_calibration(SurfacePanel, bpy.types.Panel):
         layout.use_property_split = True
         chosen = context.window_manager.hfx_surface_calibration
         layout.prop_search(chosen, "device", context.scene.hfx, "devices")
-        row = layout.row()
-        row.prop(chosen, "fabric", expand=True)
+        layout.prop(chosen, "fabric")
         row = layout.row()
         row.prop(chosen, "speed", expand=True)
         layout.prop(chosen, "drive", slider=True)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import json
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -73,6 +74,21 @@ def test_texts_with_values_are_translated(
     assert german.of(text) == (expected or whole)
 
 
+@pytest.mark.parametrize(
+    ("text", "german", "japanese"),
+    [
+        ("Above threshold: 10 to 43 dB", "Über der Schwelle: 10 bis 43 dB", "10から43 dB"),
+        ("8 actuators for temperature: soles", "8 Aktor(en) für Temperatur: Fußsohlen", "温度"),
+        ("Effects pasted: 1", "Eingefügte Effekte: 1", "1個のエフェクト"),
+    ],
+)
+def test_values_of_panels_and_reports_are_translated(text: str, german: str, japanese: str) -> None:
+    files = {name: messages.PACKAGE / "translations" / f"{name}.json" for name in ("de", "ja")}
+    of = {name: Translation(json.loads(path.read_bytes())).of for name, path in files.items()}
+    assert of["de"](text) == german
+    assert japanese in of["ja"](text)
+
+
 def test_texts_stay_in_english_without_a_language(scene: Any) -> None:
     assert translation.translated("Choose a file.") == "Choose a file."
 
@@ -85,7 +101,7 @@ def test_blender_translates_labels(scene: Any, monkeypatch: pytest.MonkeyPatch) 
     translation.register()
     assert set(registered) == set(messages.LANGUAGES)
     for context in ("*", "Operator"):
-        assert registered["de"][context, "Add Device"] == "Gerät hinzufügen"
+        assert registered["de"][context, "Add Device"] == "Neues Gerät"
         assert registered["ja"][context, "Add Device"] == "デバイスを追加"
 
 

@@ -86,7 +86,7 @@ def test_bump_is_its_height_times_distance_and_strength(plane: Any) -> None:
     baked = surface_baking.bake(plane, 64, 8)
     assert np.allclose(baked.heights_m, expected(64, 0.0005), atol=1e-6)
     assert baked.tile_mm == pytest.approx((1000 * SIZE, 1000 * SIZE))
-    assert baked.covered.all() and not baked.is_flat and not baked.notes
+    assert baked.covered.all() and baked.luminance is None and not baked.notes
     assert everything() == before
 
 
@@ -137,7 +137,7 @@ def test_what_only_bends_the_normal_is_integrated(plane: Any) -> None:
 def test_roughness_is_baked_as_it_is(plane: Any) -> None:
     node(plane.active_material, "BSDF_PRINCIPLED").inputs["Roughness"].default_value = 0.3
     baked = surface_baking.bake(plane, 8, 8)
-    assert np.allclose(baked.roughness, 0.3, atol=1e-4) and baked.is_flat
+    assert np.allclose(baked.roughness, 0.3, atol=1e-4) and baked.luminance is not None
 
 
 def test_each_slot_shows_its_own_material(scene: Any) -> None:
@@ -282,6 +282,20 @@ def test_what_cannot_be_baked_is_told_and_leaves_no_trace(
     with pytest.raises(InputError, match=message):
         surface_baking.bake(plane, 16, 16)
     assert everything() == before
+
+
+@pytest.mark.parametrize("is_pinned", [False, True])
+def test_image_editors_keep_their_images(plane: Any, is_pinned: bool) -> None:
+    bumpy(plane.active_material)
+    areas = bpy.context.window_manager.windows[0].screen.areas
+    area = max(areas, key=lambda area: area.width * area.height)
+    kind, area.type = area.type, "IMAGE_EDITOR"
+    space = area.spaces.active
+    space.image = bpy.data.images.new("Painted", 8, 8)
+    space.use_image_pin = is_pinned
+    surface_baking.bake(plane, 16, 16)
+    shown, area.type = space.image, kind
+    assert shown is not None and shown.name == "Painted"
 
 
 def test_a_bake_is_refused_that_would_not_fit_into_memory(plane: Any) -> None:

@@ -57,7 +57,7 @@ def steps(h: Any) -> Iterator[float]:
     yield from h.until(lambda: h.window.workspace.name == "HFX", "the workspace is shown", 30)
     h.shot("4_arranging.png")
     kinds = lambda: {area.type for area in h.window.screen.areas}  # noqa: E731
-    yield from h.until(lambda: "NLA_EDITOR" in kinds(), "the areas are arranged", 60)
+    yield from h.until(lambda: {"VIEW_3D", "NLA_EDITOR"} <= kinds(), "the areas are arranged", 60)
     yield from h.until(lambda: h.region("UI").width > 150, "the sidebar is open", 60)
     yield 3.0
     h.shot("5_workspace.png")

@@ -2,6 +2,9 @@
 """The editor in German and Japanese: panels, menus, tooltips and reports are translated.
 
 Blender needs its languages, which some distributions leave out; without them nothing is checked.
+For the extension's own texts a list of languages suffices: a file ``languages`` in Blender's folder
+``datafiles/locale`` (of Debian: ``/usr/share/locale``) with the lines ``1:Automatic:DEFAULT``,
+``2:German:de_DE`` and ``3:Japanese:ja_JP``.
 """
 
 from __future__ import annotations

@@ -95,8 +95,9 @@ def steps(h: Any) -> Iterator[float]:
 
 
 def tab(h: Any) -> str:
-    """Tab of the viewport's sidebar; none before the first drawing of the sidebar."""
+    """Tab of the viewport's sidebar; none while areas are arranged, and before the first drawing of
+    the sidebar."""
     try:
         return str(h.region("UI").active_panel_category)
-    except AttributeError:
+    except (AttributeError, ValueError):  # ValueError: no area is a viewport yet
         return ""
