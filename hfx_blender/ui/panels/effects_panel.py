@@ -86,9 +86,10 @@ class HFX_PT_effects(HfxPanel, bpy.types.Panel):
             manager = context.window_manager
             rows = min(max(sum(map(list_rows.is_shown, manager.hfx_rows)), _LEAST_ROWS), _MOST_ROWS)
             lists = ("HFX_UL_effects", "", manager, "hfx_rows", manager, "hfx_row")
-            row = layout.row()
+            row = layout.row(align=True)  # most of the width is for names
             row.template_list(*lists, rows=rows, maxrows=rows, item_dyntip_propname="name")
             column = row.column(align=True)
+            column.scale_x = 0.9
             column.menu("HFX_MT_add", text="", icon="ADD")
             column.operator("hfx.remove_effects", text="", icon="REMOVE")
             column.menu("HFX_MT_list", text="", icon="DOWNARROW_HLT")

@@ -188,7 +188,7 @@ class HfxEffectRow(bpy.types.PropertyGroup):
     )
     is_selected: BoolProperty(
         name="Select",
-        description="Selected. Drag over several dots to select or deselect several effects",
+        description="Selected. Drag over several icons to select or deselect several effects",
         get=_is_selected,
         set=_set_selected,
     )
@@ -233,20 +233,29 @@ class HFX_UL_effects(bpy.types.UIList):
         line = column.row(align=True)
         has_several = bool(row.effect) and len(effects.bodies_of(context.scene)) > 1
         shows_body = has_several and row_effects[0].hfx.kind in effects.ON_A_BODY
-        title = line.row(align=True)
+        if row.effect and row.group:
+            line.separator(factor=0.5)
+        elif not row.effect:
+            icon = "DOWNARROW_HLT" if row.is_open else "RIGHTARROW"
+            line.prop(row, "is_open", text="", icon=icon, emboss=False)
         strips = clips.strips_of(row_effects[0]) if row.effect else []
-        title.alert = any(
-            effects.needs_body(context.scene, effect) for effect in row_effects
-        ) or any(clips.outside_scene(context.scene, strip) is not None for _, strip in strips)
+        is_alert = any(effects.needs_body(context.scene, effect) for effect in row_effects) or any(
+            clips.outside_scene(context.scene, strip) is not None for _, strip in strips
+        )
+        # The icon is the switch, as a column of switches would shorten the name.
+        icon = MODALITIES[row_effects[0].hfx.modality].icon if row.effect else "OUTLINER_COLLECTION"
+        icon = "ERROR" if row.effect and is_alert else icon
+        switch = line.row(align=True)
+        switch.scale_x = 0.9
+        switch.prop(row, "is_selected", text="", icon=icon, emboss=row.is_selected)
+        title = line.row(align=True)
+        title.alert = is_alert
         if row.effect:
-            effect, hfx = row_effects[0], row_effects[0].hfx
-            if row.group:
-                title.label(text="", icon="BLANK1")
-            icon = "ERROR" if title.alert else MODALITIES[hfx.modality].icon
+            effect = row_effects[0]
             if effect.is_editable and effect.override_library is None:
-                title.prop(effect, "name", text="", icon=icon, emboss=False)
+                title.prop(effect, "name", text="", emboss=False)
             else:  # a greyed name could not be read in red
-                title.label(text=effect.name, icon=icon, translate=False)
+                title.label(text=effect.name, translate=False)
             if shows_body:
                 body = effects.body_in(context.scene, effect)
                 below = column.row()
@@ -256,20 +265,17 @@ class HFX_UL_effects(bpy.types.UIList):
             if not title.active:
                 line.label(text="", icon="LINKED")
         else:
-            icon = "DOWNARROW_HLT" if row.is_open else "RIGHTARROW"
-            title.prop(row, "is_open", text="", icon=icon, emboss=False)
             title.prop(row, "title", text="", emboss=False)
             line.label(text=f"{len(row_effects)}")
         line = line.row(align=True)
-        line.alignment, line.scale_x = "RIGHT", 0.9  # most of the width is for the name
+        line.alignment, line.scale_x = "RIGHT", 0.85  # most of the width is for the name
         for name, on, off in (
-            ("is_selected", "LAYER_ACTIVE", "LAYER_USED"),
             ("is_solo", "SOLO_ON", "SOLO_OFF"),
             ("is_muted", "MUTE_IPO_OFF", "MUTE_IPO_ON"),  # Blender's "on" is the sound
         ):
             icon = on if getattr(row, name) else off
             locked = next(filter(effects.is_locked, row_effects), None)
-            if locked is None or name == "is_selected":
+            if locked is None:
                 line.prop(row, name, text="", icon=icon, emboss=False)
             else:  # Blender greys out a property of a linked object, and its tooltip says why
                 line.prop(locked.hfx, _stored(row, name), text="", icon=icon, emboss=False)

@@ -226,7 +226,7 @@ def icon(h: Any, row: int, which: int) -> Iterator[float]:
     """Centre of the star (0) or loudspeaker (1) in a row of the list of effects."""
     region = h.region("UI")
     (_, switches), *_ = yield from h.toggles(region)  # Show What Is Felt is the first switch
-    return region.x + region.width - (101, 85)[which], switches + LIST_BELOW + LIST_ROW * row
+    return region.x + region.width - (86, 72)[which], switches + LIST_BELOW + LIST_ROW * row
 
 
 def tint(pixels: np.ndarray, place: tuple[float, float], half: int = 6) -> np.ndarray:
