@@ -79,6 +79,7 @@ def refresh() -> None:
     manager = bpy.context.window_manager
     new_rows = rows_of(bpy.context.scene)
     if [(row.effect, row.group) for row in manager.hfx_rows] != new_rows:
+        _deselect_strips_of_originals({row.effect for row in manager.hfx_rows})
         manager.hfx_rows.clear()
         for effect_name, group in new_rows:
             row = manager.hfx_rows.add()
@@ -92,6 +93,17 @@ def refresh() -> None:
         for _ in range(count):
             manager.hfx_clips.add()
         preview.redraw()
+
+
+def _deselect_strips_of_originals(known: set[str]) -> None:
+    """Keep the NLA strips of new selected copies of effects as the only selected strips; ``known``:
+    names of the effects before. Blender's *Duplicate* copies the selection of strips."""
+    listed = swarms.listed_effects(bpy.context.scene)
+    ids = {effect.hfx.uid for effect in listed if effect.name in known}
+    added = [effect for effect in listed if effect.name not in known and effect.select_get()]
+    copies = [effect for effect in added if effect.hfx.uid in ids]
+    if copies and len(listed) > len(known - {""}):  # a renamed effect adds none
+        clips.deselect_all(copies)
 
 
 def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:

@@ -55,6 +55,19 @@ def test_the_row_of_a_group_mutes_and_selects_all_of_it(scene: Any) -> None:
     manager.hfx_rows[0].is_open = False
 
 
+def test_a_duplicated_effect_has_the_only_selected_clips(scene: Any) -> None:
+    for name in "AB":
+        clips.add_clip(volume(name), 1.0, 10.0)
+    rows()
+    ball = bpy.data.objects["A"]
+    bpy.ops.object.select_all(action="DESELECT")
+    ball.select_set(True)
+    bpy.ops.object.duplicate()
+    rows()
+    effect_clips = {effect.name: clips.strips_of(effect) for effect in effects.effects_of(scene)}
+    assert {name for name, ((_, strip),) in effect_clips.items() if strip.select} == {"A.001"}
+
+
 def test_rain_is_one_group_and_each_sensation_another(scene: Any) -> None:
     bpy.ops.hfx.add_avatar()
     bpy.ops.hfx.add_rain(duration=1.0, drops_per_second=8.0)

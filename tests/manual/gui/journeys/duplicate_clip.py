@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""*Shift+D* of a clip, and further clips, stay on the effect's own NLA track."""
+"""*Shift+D* of a clip stays on its NLA track; *Shift+D* of an effect selects the copy's clips."""
 
 from __future__ import annotations
 
@@ -45,3 +45,20 @@ def steps(h: Any) -> Iterator[float]:
     tracks = bpy.data.objects["Ball"].animation_data.nla_tracks
     own = [len(track.strips) for track in tracks if track.name == "Clips"]
     h.check(own == [4] and len(tracks) == 1, f"later clips are on the effect's own track: {own}")
+
+    area.ui_type = "VIEW_3D"
+    yield 1.0
+    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    yield from h.key("shift+d")
+    yield 0.5
+    yield from h.key("Return")
+    yield 2.0
+    h.shot("2_effect.png")
+    selected = {
+        name: [strip.select for strip in hands.clips_of(bpy.data.objects[name])]
+        for name in ("Ball", "Ball.001")
+    }
+    h.check(
+        not any(selected["Ball"]) and any(selected["Ball.001"]),
+        f"clips of the copy are selected, not those of the first effect: {selected}",
+    )
