@@ -14,10 +14,11 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..authoring import clips, painting
 from ..authoring.effects import effects, swarms
-from ..blender.events import add_handlers, push_undo_soon, remove_handlers
+from ..blender.events import add_handlers, remove_handlers
 from ..blender.translation import translated
 from ..errors import InputError
 from ..formats.registry import EXPORTED, FORMATS
+from ..playback.live.live import live
 from ..text import printable, shortened
 from .shared import HfxOperator, StepwiseExport, draw_wrapped
 
@@ -36,6 +37,7 @@ _RECORD_ITEMS = (
 )
 _LINE = 36  # letters in a line of the file browser's sidebar
 _NAMED = 3  # number of files named in the report
+_POPUP_UNITS = 26  # width of the popup, in Blender's units of 20 pixels
 _POPUP_LINE, _LINES = 90, 4  # letters, and lines, of a sentence
 _WARNINGS, _EFFECTS = 8, 12  # limits of the popup: with two lines each, a window holds them
 _REPORT = "Haptic Export Report"
@@ -266,9 +268,8 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         for warning in report.warnings:
             self.report({"WARNING"}, translated(printable(warning)))
         track = next((file for file in report.files if file.suffix == _TRACK), None)
-        if track is not None and context.scene.hfx.live_track != str(track):
-            context.scene.hfx.live_track = str(track)  # the source of live devices
-            push_undo_soon()
+        if track is not None:
+            live.tracks.select_written(context.scene, str(track))
         names = [file.name for file in report.files]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         shown = f"{', '.join(names[:_NAMED])}{more}"
@@ -278,7 +279,8 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
         written = LastExport(f"Wrote {shown}", report, is_outside)
         last_written[:] = [written]
         if self._is_invoked and not bpy.app.background:
-            context.window_manager.popup_menu(draw_written, title="Haptic Export", icon="EXPORT")
+            # Unlike a menu, a popover does not open with the mouse on the button clicked last.
+            context.window_manager.popover(draw_written, ui_units_x=_POPUP_UNITS)
         return f"Wrote {shown} to {report.folder}{written.warned}"
 
 
@@ -292,17 +294,23 @@ def draw_devices(context: bpy.types.Context, layout: bpy.types.UILayout) -> None
     column.operator_menu_enum("hfx.live_add", "name", icon="ADD")
 
 
-def draw_written(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
+def draw_written(menu: bpy.types.UIPopover, context: bpy.types.Context) -> None:
     """Draw the last export: warnings, unfelt effects with reasons, times of felt effects, files,
     and buttons with cures."""
     layout = menu.layout
+
+    def button(operator: str, **texts: str) -> bpy.types.OperatorProperties:
+        # A popover opens with the mouse in its middle, at the height of the first button.
+        return layout.split(factor=0.4).operator(operator, **texts)
+
+    layout.label(text="Haptic Export", icon="EXPORT")
     for written in last_written:
         report = written.report
         for warning in shortened(report.warnings, _WARNINGS):
             text = printable(warning[:1].upper() + warning[1:])
             draw_wrapped(layout, text, _POPUP_LINE, "ERROR", _LINES)
         if written.has_clips_outside:
-            layout.operator("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ALL"
+            button("hfx.extend_scene", icon="PREVIEW_RANGE").which = "ALL"
         if report.warnings:
             layout.separator()
         unplayed = {lost["effect"] for lost in report.unrendered if lost["share"] == 1.0}
@@ -326,8 +334,8 @@ def draw_written(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
         layout.separator()
         layout.label(text=translated(printable(written.text)), icon="FILE_TICK")
         folder = str(report.folder)
-        layout.operator("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = folder
-        layout.operator("hfx.show_report", icon="TEXT")
+        button("wm.path_open", text="Open Folder", icon="FILE_FOLDER").filepath = folder
+        button("hfx.show_report", icon="TEXT")
 
 
 def _times_of(scene: bpy.types.Scene, fact: Mapping[str, Any]) -> str:
@@ -360,8 +368,10 @@ class HFX_OT_show_report(HfxOperator):
 
 
 @bpy.app.handlers.persistent
-def _forget(_file: object) -> None:
+def _forget(file: object) -> None:
     last_written.clear()  # of another file, or another state of this file
+    if isinstance(file, str):  # undo and redo pass a scene
+        live.tracks.written.clear()
 
 
 _HANDLERS = dict.fromkeys(("load_post", "undo_post", "redo_post"), _forget)

@@ -75,7 +75,7 @@ def _update_live_source(
 
 
 def _update_live_track(self: HfxSceneProperties, context: bpy.types.Context) -> None:
-    events.announce("live track", self.live_track)
+    events.announce("live track", self.id_data)
     _update_live_source(self, context)
 
 

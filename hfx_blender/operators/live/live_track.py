@@ -57,9 +57,9 @@ class HFX_OT_record_track(StepwiseExport):
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
         from ...engine.track import SUFFIX
 
-        hfx = context.scene.hfx
-        hfx.live_track = str(next(file for file in report.files if file.suffix == SUFFIX))
-        hfx.live_source = "TRACK"
+        track = next(file for file in report.files if file.suffix == SUFFIX)
+        live.tracks.select_written(context.scene, str(track))
+        context.scene.hfx.live_source = "TRACK"
         push_undo_soon()
         return "Recorded: press Play under Live Devices, then play the timeline"
 

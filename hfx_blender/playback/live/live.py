@@ -382,7 +382,7 @@ live = Live()
 
 
 _LISTENERS: Final = {
-    "live track": live.tracks.chosen.add,
+    "live track": live.tracks.choose,
     "live source": live.follow_other,
     "live mutes": live.apply_mutes,
     "live forget": live.forget,

@@ -100,6 +100,7 @@ class TrackSource:
         self.track: PlayedTrack | None = None  # None while closed
         # Paths selected by the user in this session: a .blend must not open network paths.
         self.chosen: set[str] = set()
+        self.written: dict[str, str] = {}  # last track written of each scene of the open file
         self._number = 0
         self._key: tuple[object, ...] = ()
 
@@ -133,18 +134,31 @@ class TrackSource:
                 track.body_id = wearer
             self.track, self._key = track, key
 
+    def choose(self, scene: bpy.types.Scene) -> None:
+        """Note that the track in a scene's settings was selected in this session."""
+        self.chosen.add(scene.hfx.live_track)
+        self.written.pop(scene.name, None)
+
+    def select_written(self, scene: bpy.types.Scene, path: str) -> None:
+        """Select a track just written. Without an undo step: undo of an earlier edit takes the
+        scene's setting back, but devices go on playing this track."""
+        if scene.hfx.live_track != path:
+            scene.hfx.live_track = path
+        self.written[scene.name] = path
+
     def _path(self, scene: bpy.types.Scene) -> Path:
         """Absolute path of the selected track. InputError if no track is selected, the file is no
         track, or the path is on another machine and was not selected in this session."""
         from ...engine.track import SUFFIX
 
-        if not scene.hfx.live_track:
+        selected = self.written.get(scene.name, scene.hfx.live_track)
+        if not selected:
             raise InputError("Choose a track, or press Record Track.")
-        path = Path(bpy.path.abspath(scene.hfx.live_track))
+        path = Path(bpy.path.abspath(selected))
         source = Path(bpy.data.filepath) if bpy.data.filepath else None
         if path.suffix.lower() != SUFFIX:
             raise InputError(f"{path}: is no track; choose a {SUFFIX} file.")
-        if is_elsewhere(path, source) and scene.hfx.live_track not in self.chosen:
+        if is_elsewhere(path, source) and selected not in self.chosen:
             raise InputError(f"{path}: is on another machine; choose the file again to play it.")
         return path
 

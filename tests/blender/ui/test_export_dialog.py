@@ -49,6 +49,24 @@ def test_chosen_formats_and_options_are_written(small: Any, tmp_path: Path) -> N
         assert track.full_precision and track.summary()[0].channels == ("depth_m",)
 
 
+def test_undo_after_an_export_keeps_the_track_of_live_devices(small: Any, tmp_path: Path) -> None:
+    from hfx_blender.playback.live.live import live
+
+    earlier, path = str(tmp_path / "a.hfxtrack"), str(tmp_path / "b.hfxtrack")
+    bpy.context.preferences.edit.use_global_undo = True
+    bpy.ops.hfx.export(filepath=earlier)
+    bpy.ops.ed.undo_push(message="Before")
+    small.frame_end = 7
+    bpy.ops.ed.undo_push(message="Edit")
+    bpy.ops.hfx.export(filepath=path)
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert (scene.frame_end, scene.hfx.live_track) == (3, earlier), "only the edit is undone"
+    assert str(live.tracks._path(scene)) == path
+    scene.hfx.live_track = earlier  # chosen
+    assert str(live.tracks._path(scene)) == earlier
+
+
 def test_what_no_device_is_there_for_is_said(small: Any, tmp_path: Path) -> None:
     path = str(tmp_path / "x.hfxtrack")
     with pytest.raises(RuntimeError, match="no devices to export: add"):

@@ -38,6 +38,7 @@ class Driver:
         self.zips = list(zips)  # the extensions under test
         self.input = use
         self.actions = 0  # clicks, strokes, keys and typed texts so far
+        self.mouse: Point = (0.0, 0.0)  # where the last move ended
         self._screen = screen
         self._documented = documented
 
@@ -106,6 +107,7 @@ class Driver:
     def move(self, x: float, y: float) -> Iterator[float]:
         yield from self.input.move(x - 3, y - 3)  # Blender needs a mouse movement before the click
         yield from self.input.move(x, y)
+        self.mouse = x, y
 
     def click(self, x: float, y: float, button: int = 1) -> Iterator[float]:
         self.actions += 1
@@ -139,8 +141,9 @@ class Driver:
 
     # Finding clickable items
 
-    def op_buttons(self, region: bpy.types.Region) -> Iterator[float]:
-        """Centres of a region's operator buttons, from top to bottom, then left to right.
+    def op_buttons(self, region: bpy.types.Region | None) -> Iterator[float]:
+        """Centres of the operator buttons of a region, or of the whole window, from top to bottom,
+        then left to right.
 
         Blender does not report the positions of buttons, so the buttons are painted in a unique
         colour for one picture.

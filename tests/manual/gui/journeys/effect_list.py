@@ -29,13 +29,12 @@ def steps(h: Any) -> Iterator[float]:
     yield 0.8
     h.check(selected() == names[:3], f"Shift and a click select up to it: {selected()}")
     h.shot("1_selected.png")
-    x, _ = yield from hands.icon(h, 0, 0)
-    dots = x - 16
+    icons = h.region("UI").x + 34
     (_, first), (_, last) = (yield from row_at(h, 0)), (yield from row_at(h, 1))
-    yield from h.drag([(dots, first), (dots, 0.5 * (first + last)), (dots, last)], step=0.2)
+    yield from h.drag([(icons, first), (icons, 0.5 * (first + last)), (icons, last)], step=0.2)
     yield 0.8
-    h.check(selected() == names[2:3], f"dragging over dots deselects: {selected()}")
-    yield from h.drag([(dots, first), (dots, 0.5 * (first + last)), (dots, last)], step=0.2)
+    h.check(selected() == names[2:3], f"dragging over icons deselects: {selected()}")
+    yield from h.drag([(icons, first), (icons, 0.5 * (first + last)), (icons, last)], step=0.2)
     yield 0.8
     h.check(selected() == names[:3], f"and selects again: {selected()}")
 
@@ -112,8 +111,11 @@ def export(h: Any) -> Iterator[float]:
     yield 1.0
     h.shot("10_popup.png")
     windows = len(bpy.context.window_manager.windows)
-    buttons = yield from h.menu_rows()
-    yield from h.click(*max(buttons, key=lambda place: place[1]))  # the last of the popup
+    buttons = yield from h.op_buttons(None)
+    x, y = h.mouse
+    first = next((at for at in buttons if abs(at[1] - y) < 8 and abs(at[0] - x) < 200), None)
+    h.check(first and x - first[0] > 120, f"the mouse lies beside the first button: {first}, {x}")
+    yield from h.click(first[0], first[1] + hands.LIST_ROW)  # Show Report
     yield 2.0
     h.check(len(bpy.context.window_manager.windows) == windows + 1, "Show Report opens a window")
     text = bpy.context.window_manager.windows[-1].screen.areas[0].spaces.active.text.as_string()

@@ -24,6 +24,8 @@ def steps(h: Any) -> Iterator[float]:
     yield from hands.add_haptic(h, hands.PAINTED_ROW, vibration)
     yield from hands.fill_part(h, (0, 0))
 
+    scene.frame_end = 13  # the last edit
+    h.undo_push("Edit")
     yield from h.click(*FILE_MENU)
     yield 0.6
     rows = yield from h.menu()
@@ -54,6 +56,10 @@ def steps(h: Any) -> Iterator[float]:
     h.check("Wrote back.hfxtrack" in messages, "the message says what was written")
     h.check(str(h.out) in messages, "and where")
     h.shot("4_told.png")
+    yield from h.move(*h.xy(h.region(), 0.3, 0.6))
+    yield from h.key("ctrl+z")
+    yield 1.5
+    h.check(bpy.context.scene.frame_end == 12, "Ctrl+Z after the export undoes the last edit")
     yield from given_up(h)
 
 
