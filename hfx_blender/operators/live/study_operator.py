@@ -23,15 +23,11 @@ _OUTPUTS = {"AUDIO": "sound-card", "SIMULATOR": "simulator", "PAGE": "page"}
 
 
 def hfx_command() -> list[str]:
-    """Command line of pip's ``hfx``; InputError where it is missing."""
+    """Command line of pip's ``hfx``; empty where it is missing."""
     if left_out.module("study") is not None:  # Blender as a module, installed by pip
         return [sys.executable, "-m", "hfx_blender"]
-    if (program := shutil.which("hfx")) is None:
-        raise InputError(
-            "A session needs pip's hfx: install hfx-blender with pip, and put the command hfx on "
-            "the search path (PATH)."
-        )
-    return [program]
+    program = shutil.which("hfx")
+    return [] if program is None else [program]
 
 
 def _watch() -> float | None:
@@ -52,6 +48,13 @@ class HFX_OT_run_study(LiveOperator):
     full screen. The device is disconnected here first"""
 
     bl_label = "Run Study"
+    requires = (
+        (
+            lambda _context: hfx_command(),
+            "A session needs pip's hfx: install hfx-blender with pip, and put the command hfx on "
+            "the search path (PATH)",
+        ),
+    )
 
     directory: StringProperty(name="Folder", subtype="DIR_PATH", options={"SKIP_SAVE"})
 

@@ -13,7 +13,6 @@ import pytest
 
 from hfx_blender.authoring.effects import effects
 from hfx_blender.commands import left_out
-from hfx_blender.errors import InputError
 from hfx_blender.operators.effects.take_comparison import BlindTakes
 from hfx_blender.operators.live import study_operator
 
@@ -77,8 +76,8 @@ def test_run_study_needs_a_study_and_the_command(
         bpy.ops.hfx.run_study(directory=str(tmp_path))
     monkeypatch.setattr(left_out, "module", lambda name: None)
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(InputError, match="A session needs pip's hfx"):
-        study_operator.hfx_command()
+    with pytest.raises(RuntimeError, match="A session needs pip's hfx"):  # before the folder
+        bpy.ops.hfx.run_study("INVOKE_DEFAULT")
 
 
 def test_run_study_starts_the_command_and_reports_its_fault(
