@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy.props import (
@@ -21,10 +23,14 @@ from ..blender import compat
 from ..blender.scene_info import animation_fps, fps_of
 from ..errors import InputError
 from .painting import paint
-from .shared import HfxOperator, ImportOperator, OnBodyOperator, active_effect
+from .shared import HfxOperator, ImportOperator, OnBodyOperator, active_effect, draw_wrapped
+
+if TYPE_CHECKING:
+    from ..formats.sound.sound_analysis import SoundSettings
 
 _SOUNDS = "*.wav;*.mp3;*.flac;*.ogg;*.aac;*.m4a;*.opus"
 _PICTURES = (".png", ".jpg", ".jpeg", ".exr", ".hdr")
+_LINE = 36  # letters in a line of the dialog
 _VIDEOS = "*.mp4;*.mov;*.mkv;*.avi;*.webm;" + ";".join(f"*{each}" for each in _PICTURES)
 
 
@@ -166,6 +172,16 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
         names = ("strength", "smoothing", "threshold", "band", "frequencies")
         for name in ("place", *(("part",) if self.place == "PART" else ()), *names):
             layout.prop(self, name)
+        with suppress(InputError):
+            settings, ends = self._settings(), (*self.band, *self.frequencies)
+            at = min(max(100.0, ends[0]), ends[1])
+            draw_wrapped(
+                layout.column(align=True),
+                "Pitch of {:g} to {:g} Hz is felt as {:g} to {:g} Hz, by its logarithm: "
+                "{:g} Hz as {:.0f} Hz".format(*ends, at, settings.vibration_hz(at)),
+                _LINE,
+                "INFO",
+            )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self.strip:
@@ -174,8 +190,7 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
 
     def work(self, context: bpy.types.Context) -> str:
         from ..authoring.effects import hjif_import
-        from ..formats.signals.signals import FrequencyRange
-        from ..formats.sound.sound_analysis import SoundSettings, followed
+        from ..formats.sound.sound_analysis import followed
 
         scene = context.scene
         name, start = Path(self.filepath).stem, float(scene.frame_current)
@@ -189,17 +204,7 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
             start = strip.frame_final_start * animation_fps(scene) / fps_of(scene)
         else:
             samples, rate = media.sound_of(Path(self.filepath))
-        try:
-            settings = SoundSettings(
-                self.strength,
-                self.smoothing,
-                tuple(self.band),
-                self.threshold,
-                FrequencyRange(*self.frequencies),
-            )
-        except ValueError as error:
-            raise InputError("Each second frequency must exceed the first one.") from error
-        signal = followed([samples], rate, name, settings)
+        signal = followed([samples], rate, name, self._settings())
         # The pulse of a beat, and the envelope as it rises, add up to its strength.
         added = (
             replace(
@@ -215,6 +220,22 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
         pitch = signal.frequency_hz if is_vibration else None
         hjif_import.add_envelope_clip(effect, name, signal.amplitude, pitch, start, scene)
         return f"'{effect.name}' follows '{name}'"
+
+    def _settings(self) -> SoundSettings:
+        """Settings of the dialog; InputError for a second frequency not above the first one."""
+        from ..formats.signals.signals import FrequencyRange
+        from ..formats.sound.sound_analysis import SoundSettings
+
+        try:
+            return SoundSettings(
+                self.strength,
+                self.smoothing,
+                tuple(self.band),
+                self.threshold,
+                FrequencyRange(*self.frequencies),
+            )
+        except ValueError as error:
+            raise InputError("Each second frequency must exceed the first one.") from error
 
     def _effect(self, context: bpy.types.Context, name: str) -> bpy.types.Object:
         """Active or new effect by ``place``; a new effect becomes the only selected object."""

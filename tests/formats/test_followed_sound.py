@@ -27,6 +27,15 @@ def follow(sound: F64, rate: int, **settings: object) -> Signal:
     return followed([columns], rate, "sound", SoundSettings(**settings))  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("pitch", [60.0, 100.0, 150.0, 250.0])
+def test_the_pitch_of_a_tone_is_mapped_to_the_device(pitch: float) -> None:
+    tone = np.sin(2.0 * np.pi * pitch * times(44_100))
+    # The logarithm of the sound's 20 to 8000 Hz, over the device's 65 to 300 Hz.
+    expected = 65.0 + (300.0 - 65.0) * np.log(pitch / 20.0) / np.log(8000.0 / 20.0)
+    assert follow(tone, 44_100).frequency_hz.at(1.5) == pytest.approx(expected, rel=0.01)
+    assert SoundSettings().vibration_hz(pitch) == pytest.approx(expected)
+
+
 def times(rate: int, seconds: float = SECONDS) -> F64:
     return np.arange(int(seconds * rate)) / rate
 

@@ -69,6 +69,11 @@ class SoundSettings:
             if not is_valid:
                 raise ValueError(f"--{option}: expected {allowed}")
 
+    def vibration_hz(self, pitch_hz: npt.ArrayLike) -> F64:
+        """Frequencies of the vibration for frequencies of the sound."""
+        low, high = self.band_hz
+        return self.frequencies.hertz(np.log(np.divide(pitch_hz, low)) / np.log(high / low))
+
 
 def followed(
     blocks: Iterable[npt.NDArray[np.float32]], rate_hz: int, name: str, settings: SoundSettings
@@ -122,8 +127,7 @@ def followed(
     loudest = max(float(level.max()), _SILENT)
     gate = max(loudest * 10.0 ** (settings.threshold_db / 20.0), _SILENT)
     amplitude = np.where(level > gate, settings.strength * level / loudest, 0.0)
-    share = np.log(pitch / low) / np.log(settings.band_hz[1] / low)
-    hertz = frequencies_through_silence(amplitude, settings.frequencies.hertz(share))
+    hertz = frequencies_through_silence(amplitude, settings.vibration_hz(pitch))
     keys = slice(FRAME_HZ // _KEYS_HZ, None, FRAME_HZ // _KEYS_HZ)
     ends = max(duration_s, times[-1])
     transients = tuple(
