@@ -116,8 +116,8 @@ def _poll() -> float | None:
     global _had_stroke, _press, _is_missed
     import numpy as np
 
+    _note_stroke()
     if is_painting():
-        _had_stroke |= is_painting("PAINT_OT_image_paint")
         return _POLL_S
     had_stroke, _had_stroke, press, _press = _had_stroke, False, _press, ""
     now_s, window = time.monotonic(), bpy.context.window_manager.windows[0]
@@ -152,9 +152,15 @@ def note_press(place: tuple[float, float] | None) -> None:
     global _press, _is_missed
     if place is not None:
         _press = "inside" if all(0.0 <= share <= 1.0 for share in place) else "outside"
+        call_soon(_note_stroke)  # a click can end before the next comparison
     if _is_missed:
         _is_missed = False
         redraw("IMAGE_EDITOR")
+
+
+def _note_stroke() -> None:
+    global _had_stroke
+    _had_stroke |= is_painting("PAINT_OT_image_paint")
 
 
 def is_missed() -> bool:

@@ -67,6 +67,8 @@ def steps(h: Any) -> Iterator[float]:
             is_linked() and np.array_equal(weights() > 0.5, states[-1]) and not free.any(),
             f"a stroke {name} changes nothing, and leaves no paint",
         )
+    yield from h.click(x, y)
+    yield 1.5
     yield from h.move(*h.xy_of((0.3, -0.1, 1.7)))
     for way, count in (("ctrl+z", 3), ("ctrl+shift+z", 4)):
         yield from h.key(way)
