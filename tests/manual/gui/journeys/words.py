@@ -37,6 +37,8 @@ def steps(h: Any) -> Iterator[float]:
     plane = bpy.context.object
     h.check(len(module.results) == 4 and module.running is None, "there are four variations")
     h.check(plane.hfx.surface.source == "GENERATED", "the first is felt on the plane")
+    yield from h.move(*h.xy(h.region(), 0.3, 0.5))  # no mouse in the picture
+    yield 0.5
     h.shot("2_previews.png")
     h.document("generation_panel.png", left=0.78)
     first = plane.active_material.name
