@@ -252,8 +252,7 @@ class CompiledBroadPhase:
     @property
     def near_count(self) -> int:
         """Number of clusters in reach at or between rows; set by :meth:`overlaps`."""
-        count: int = self._pointers.near_count
-        return count
+        return int(self._pointers.near_count)
 
     def reach(self, posed: F64, used: UsedBones, own: Outline | None, groups: Any) -> Reached:
         """Finish the broad phase of a body with bones; IndexError for a row beyond the pose.

@@ -75,11 +75,13 @@ def begin(query: ContactQuery, target: PlacedTarget) -> Callable[[], Contacts]:
     columns, column_of = columns_of(reached.clusters, table)
     weights = no_weights(table, len(rows), len(columns), falloff.precision)
     arrays = DetailArrays.empty(*weights.shape) if query.asks_details else None
-    # Drift matrices for all intervals, by number of steps of tracking.
-    volume, frame = target.part("matrices"), target.part("to_world")
-    ways = (volume[:-1], volume[1:]), (frame[:-1], frame[1:])
-    steps = np.unique(pairs.steps[pairs.steps > 1]).tolist() if reached.most_steps > 1 else []
-    drifts = {number: drift_of(*ways, number) for number in steps}
+    drifts = {}
+    if reached.most_steps > 1:
+        # Drift matrices for all intervals, by number of steps of tracking.
+        parts = map(target.part, ("matrices", "to_world"))
+        volume, frame = ((part[:-1], part[1:]) for part in parts)
+        steps = np.unique(pairs.steps[pairs.steps > 1]).tolist()
+        drifts = {number: drift_of(volume, frame, number) for number in steps}
     narrow = native.narrow_phase(
         *(pairs, table, posing, target, drifts, weights, column_of, arrays, query.threads)
     )

@@ -86,8 +86,8 @@ class PlacedTarget:
         self._shapes, self._falloff = shapes, falloff
         self._which = np.zeros(count, np.int64) if shape_index is None else shape_index[rows]
         # A cache of meshes would keep them alive.
-        is_mesh = any(isinstance(shape, MeshVolume) for shape in shapes)
-        formulas = (_formulas.__wrapped__ if is_mesh else _formulas)(shapes)
+        self._has_mesh = any(isinstance(shape, MeshVolume) for shape in shapes)
+        formulas = (_formulas.__wrapped__ if self._has_mesh else _formulas)(shapes)
         inputs = rows, matrices, to_world, shape_index, *formulas
         loaded().hfx_place(self.pointers, *inputs, len(shapes), farthest)
 
@@ -99,9 +99,9 @@ class PlacedTarget:
     def find_meshes(self, with_ways: bool) -> None:
         """Prepare meshes for the library, once skin is near; nothing without meshes. With
         ``with_ways`` also store the boxes swept by turning meshes between rows."""
-        is_mesh = self.part("kinds").view(np.int64) == _MESH
-        if not is_mesh.any():
+        if not self._has_mesh:
             return
+        is_mesh = self.part("kinds").view(np.int64) == _MESH
         meshes, matrices = self.part("meshes").view(np.int64), self.part("matrices")
         boxes = self.part("boxes")
         turning = is_mesh & (self.part("turns")[0] > 0.0) & with_ways
@@ -124,7 +124,8 @@ class PlacedTarget:
                 low[rows] = np.minimum(low[rows], ends[:, 0])
                 high[rows] = np.maximum(high[rows], ends[:, 1])
         if turning.any():
-            self.pointers.put("swept", np.stack([low, high], axis=1))
+            self.pointers.kept.append(swept := np.stack([low, high], axis=1))
+            self.pointers.swept = swept.ctypes.data
 
     def part(self, name: str) -> F64:
         """Values of a field by row: ``turns`` (2, n), else (n, ...) as in ``_ROW``; a view."""

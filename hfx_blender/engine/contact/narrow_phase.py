@@ -64,14 +64,12 @@ def narrow_phase(
     columns, are filled in place at once, without threads. ``threads`` compute parts of the pairs,
     with whole clusters each; without ``threads`` the computation is finished on return.
     """
-    drift = structure("hfx_drift")()
+    drift = None
     if drifts:
         # By way (from before, from after), then by log2 of the number of steps.
-        ways: list[list[F64 | None]] = [[None] * _STEP_KINDS, [None] * _STEP_KINDS]
-        for number, matrices in drifts.items():
-            for way, of_way in zip(ways, matrices, strict=True):
-                way[number.bit_length() - 1] = of_way
-        drift = structure("hfx_drift")(*ways, target.count - 1)
+        ways = [drifts.get(1 << k, (None, None)) for k in range(_STEP_KINDS)]
+        before, after = zip(*ways, strict=True)
+        drift = structure("hfx_drift")(*before, *after, target.count - 1)
     shared = posing, target, drift, weights, column_of
     if details is not None:
         count = _with_details(NarrowPhaseCall(pairs, table, *shared), weights, details, target)
@@ -167,8 +165,7 @@ class NarrowPhaseCall:
         None for weights alone. Returns the number of positions posed."""
         self._results.posed = 0
         loaded().hfx_narrow_phase(*self._arguments, details)
-        count: int = self._results.posed
-        return count
+        return int(self._results.posed)
 
 
 def drift_of(volume: tuple[F64, F64], body: tuple[F64, F64], steps: int) -> tuple[F64, F64]:

@@ -11,9 +11,11 @@ import ctypes
 import importlib.util
 import json
 import os
+import struct
 import sys
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final
 
@@ -153,11 +155,13 @@ class ArrayOf:
             return ctypes.c_void_p(array.ctypes.data)
         return _by_reference(_start(fitting))
 
-    def address(self, array: npt.NDArray[Any], kept: list[Any]) -> int:
-        """Memory address of an array; a converted copy is appended to ``kept``. Raises TypeError
-        for another kind of number, and, for writing, for another type or an array that is not
-        contiguous."""
-        if not self._types or array.dtype in self._types:
+    def address(self, array: Any, kept: list[Any]) -> int:
+        """Memory address of an array, 0 of None; a converted copy is appended to ``kept``. An
+        address stays. Raises TypeError for another kind of number, and, for writing, for another
+        type or an array that is not contiguous."""
+        if array.__class__ is not np.ndarray:
+            return array or 0
+        if array.dtype is self._first or not self._types or array.dtype in self._types:
             try:
                 return _address(_start(array))
             except (TypeError, ValueError):
@@ -190,43 +194,39 @@ _start: Final[Callable[[Any], ctypes.c_char]] = ctypes.c_char.from_buffer
 
 class Structure(ctypes.Structure):
     """Structure of the library, from the values of its leading fields; missing fields are 0. A
-    value is a number, an array, a list of arrays, a structure or None. ``kept`` holds all values,
-    and so keeps their memory alive."""
+    value is a number, an array, a structure or None; a field of several addresses has as many
+    values. ``kept`` holds all values, and so keeps their memory alive."""
 
-    _kinds: dict[str, Any]
+    _addresses: list[Callable[[Any, list[Any]], int] | None]  # of each value; None: a number
+    _layout: struct.Struct
 
-    def __init__(self, *fields: Any) -> None:
-        self.kept: list[Any] = [*fields]
-        pairs = zip(self._kinds.values(), fields, strict=False)
-        super().__init__(*[_stored(kind, value, self.kept) for kind, value in pairs])
-
-    def put(self, name: str, value: Any) -> None:
-        """Set the field ``name``; see :class:`Structure` for values."""
-        self.kept.append(value)
-        setattr(self, name, _stored(self._kinds[name], value, self.kept))
+    def __init__(self, *values: Any) -> None:
+        self.kept = kept = [*values]
+        pairs = zip_longest(self._addresses, values)
+        # Written at once: ctypes would convert field by field, at twice the time.
+        self._layout.pack_into(self, 0, *[at(x, kept) if at else x or 0 for at, x in pairs])
 
 
-def _stored(kind: Any, value: Any, kept: list[Any]) -> Any:
-    """Convert a field's value to C: an array to its address, a list item by item to a C array of
-    addresses, a structure to a pointer; numbers and None stay. Converted copies of arrays are
-    appended to ``kept``."""
-    if value.__class__ is np.ndarray:
-        return kind.address(value, kept)
-    if value.__class__ is list:
-        return (ctypes.c_void_p * len(value))(*[_stored(kind, item, kept) for item in value])
-    return ctypes.pointer(value) if isinstance(value, Structure) else value
+def _address_of(kind: Any, value: Any, _kept: list[Any]) -> int:
+    """Address of a structure or an array of structures, 0 of None; TypeError for other kinds."""
+    kind.from_param(value)
+    return 0 if value is None else _address(value)
 
 
 @cache
 def structure(name: str) -> Any:
     """Subclass of :class:`Structure` for a C structure; a library must be loaded."""
     # Arrays are stored as bare addresses; ``kept`` keeps their memory alive.
-    fields, kinds = [], {}
+    fields, addresses, layout = [], [], ""
     for field, declared, count in _structures[name]:
-        kinds[field] = kind = _kind(declared)
+        kind = _kind(declared)
         stored = ctypes.c_void_p if isinstance(kind, ArrayOf) else kind
         fields.append((field, stored * count if count else stored))
-    return type(name, (Structure,), {"_fields_": fields, "_kinds": kinds})
+        address = None if declared in _NUMBERS else partial(_address_of, kind)
+        addresses += [getattr(kind, "address", address)] * (count or 1)
+        layout += ("d" if declared == "double" else "q" if address is None else "P") * (count or 1)
+    parts = {"_fields_": fields, "_addresses": addresses, "_layout": struct.Struct(layout)}
+    return type(name, (Structure,), parts)
 
 
 def declare(library: ctypes.CDLL) -> None:

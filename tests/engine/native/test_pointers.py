@@ -95,7 +95,7 @@ def test_a_structure_keeps_its_arrays_alive() -> None:
     assert alive() is None
     with pytest.raises(TypeError, match="expected an array of int64, got one of float64"):
         structure("hfx_pairs")(1, np.zeros(1))
-    drift = structure("hfx_drift")([None, np.ones(2)] + 5 * [None], 7 * [None], 4)
+    drift = structure("hfx_drift")(None, np.ones(2), *12 * [None], 4)
     assert drift.before[0] is None and _read(drift.before[1], 2) == [1.0, 1.0]
     assert list(drift.after) == 7 * [None] and drift.intervals == 4
 
@@ -147,10 +147,10 @@ def test_declarations_are_read_as_they_stand_in_c(
     numbers = np.arange(2, dtype=np.int16)
     assert list((ctypes.c_int32 * 2).from_address(_address(ids.from_param(numbers)))) == [0, 1]
     assert list((ctypes.c_int64 * 2).from_address(_address(others.from_param(numbers)))) == [0, 1]
-    created = thing(np.zeros(1), np.zeros(1), 7, [np.zeros(1, np.uint8), np.zeros(1, np.uint8)])
+    created = thing(np.zeros(1), np.zeros(1), 7, np.zeros(1, np.uint8), np.zeros(1, np.uint8))
     assert created.count == 7
     with pytest.raises(TypeError):
-        thing(None, None, 0, [np.zeros(1), np.zeros(1)])
+        thing(None, None, 0, np.zeros(1), np.zeros(1))
 
 
 def test_a_declaration_that_python_cannot_have_is_refused(tmp_path: Path) -> None:

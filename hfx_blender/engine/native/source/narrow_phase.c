@@ -313,6 +313,7 @@ typedef struct {
   int64_t *states;  // (units,) of now
   gap_factors most;
   int is_reset;  // both pairs belong to the present cluster
+  int is_only;   // the present cluster has no other pair
   int has_own;   // vertices of cells are no units
 } search_call;
 
@@ -340,11 +341,14 @@ static pair_task task_of(const search_call *call, int64_t p) {
   return task;
 }
 
-static void begin_cluster(search_call *call, int64_t cluster) {
+static void begin_cluster(search_call *call, int64_t first) {
+  const hfx_pairs *pairs = call->pairs;
+  int64_t cluster = pairs->clusters[first];
   const hfx_cluster *clusters = call->posing->clusters;
   call->ctx->number = cluster, call->ctx->first = call->posing->table->starts[cluster];
   call->ctx->cluster = clusters ? clusters + cluster : NULL;
   call->is_reset = 0;
+  call->is_only = first + 1 == pairs->count || pairs->clusters[first + 1] != cluster;
 }
 
 // Bounds of the distances of a pair's units; decides whether they have to be looked at one by one.
@@ -352,7 +356,8 @@ static void bound_units(search_call *call, pair_task *task) {
   context *ctx = call->ctx;
   if (!call->is_reset) {
     reset_pairs(ctx, call->found->room, call->both, &call->most, &call->states);
-    find_gap_factors(ctx, task->units, &call->most);
+    // Bounds for the whole cluster cost as much as those of one pair's units: they pay for several pairs.
+    if (!call->is_only) find_gap_factors(ctx, task->units, &call->most);
   }
   call->is_reset = 1;
   posed_pair *swapped = call->before;
@@ -360,7 +365,7 @@ static void bound_units(search_call *call, pair_task *task) {
   posed_pair *before = call->before, *now = call->now;
   begin_pair(ctx, before, now, task->pair, task->row, task->steps);
   if (task->needs_units || task->is_followed)
-    task->needs_units = !is_apart(ctx, before, now, &call->most, task->is_followed);
+    task->needs_units = call->is_only || !is_apart(ctx, before, now, &call->most, task->is_followed);
   for (int64_t u = 0; !task->needs_units && u < task->units; u++)
     now->least[u] = now->floor, now->most[u] = now->ceiling;
   if (task->needs_units) find_gaps(ctx, now);
@@ -434,7 +439,7 @@ HFX_EXPORT void hfx_narrow_phase(const hfx_pairs *pairs, const hfx_posing *posin
   call.has_own = posing->own || (posing->surface && posing->surface->own);
   for (int64_t p = 0; p < pairs->count; p++) {
     pair_task task = task_of(&call, p);
-    if (p == 0 || pairs->clusters[p] != pairs->clusters[p - 1]) begin_cluster(&call, pairs->clusters[p]);
+    if (p == 0 || pairs->clusters[p] != pairs->clusters[p - 1]) begin_cluster(&call, p);
     ctx.shape = hfx_shape_at(target, task.row);
     if (task.needs_units || task.is_kept) bound_units(&call, &task);
     if (task.how == HFX_WHOLE && !task.needs_units && !task.is_kept)

@@ -298,7 +298,7 @@ static inline void find_corners(const context *ctx, const posed_pair *pair, int6
     int64_t place = k ? ctx->table->around[2 * quad + k - 1] - ctx->first : unit;
     for (int i = 0; i < 3; i++) t->corners[k][i] = pair->points[3 * place + i];
   }
-  t->height = hfx_height(ctx->table->quads + quad);
+  t->height = ctx->table->heights[quad];
 }
 
 // Edges, normal and bulge of a triangle whose corners are known.

@@ -32,7 +32,7 @@ typedef struct {
   double *unit_shares, *vertex_shares, *reaches, *means;             // of places
   uint8_t *is_ringed;                                                // of places
   int64_t *unit_of, *around, *steps, *finest, *sample_starts;        // of quads; around: (quads, 2)
-  double *wholes;                                                    // of quads
+  double *wholes, *heights;                                          // of quads
   hfx_quad *quads;
   int64_t *most_samples;                                             // of clusters
   const double **blocks;                                             // of clusters: (4, rooms) samples

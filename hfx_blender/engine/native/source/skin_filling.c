@@ -132,6 +132,7 @@ static void share_out(const hfx_table *table, const hfx_spacing *spacing, int64_
     int is_curved = height * extents[k].size > flat;
     double up = is_curved ? 2.0 * height : 0.0, counts = is_curved ? 1.0 : 0.0;
     table->wholes[first + k] = extents[k].total * scale;
+    table->heights[first + k] = is_curved ? height : 0.0;
     reach = hfx_larger(reach, extents[k].reach + up);
     mean += extents[k].total * (extents[k].mean + up);
     quad->to_one *= counts, quad->to_two *= counts, quad->between *= counts;
