@@ -232,6 +232,7 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
     import numpy as np
 
     from ..blender import mesh_arrays
+    from ..engine.body.model import SkinWeights
     from ..engine.retargeting.target import TargetAvatar
     from . import mesh_copies
 
@@ -259,8 +260,9 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
     with mesh_copies.rest_mesh(mesh_object, shape) as mesh:
         points, triangles = mesh_arrays.points(mesh), mesh_arrays.triangles(mesh)
         if carrier is not None:
-            count = len(points)
-            names, weights = (carrier,), _skin_weights(range(count + 1), [0] * count, [1.0] * count)
+            offsets = np.arange(len(points) + 1, dtype=np.int32)
+            names, bones_of = (carrier,), np.zeros(len(points), np.int32)
+            weights = SkinWeights(offsets, bones_of, np.ones(len(points), np.float32))
         else:
             weights = _weights(mesh, list(groups.values()))
     hidden = mesh_copies.hidden_vertices(mesh_object, triangles, points)
@@ -319,32 +321,25 @@ def _check_scale(obj: bpy.types.Object) -> None:
         )
 
 
-def _skin_weights(
-    offsets: Sequence[int], bones: Sequence[int], values: Sequence[float]
-) -> SkinWeights:
+def _weights(mesh: bpy.types.Mesh, groups: Sequence[int]) -> SkinWeights:
+    """Positive weights of a mesh in the vertex groups ``groups`` (indices), with sum 1 per vertex,
+    none for a vertex without; bone k is ``groups[k]``."""
     import numpy as np
 
     from ..engine.body.model import SkinWeights
 
-    return SkinWeights(
-        np.array(offsets, np.int32), np.array(bones, np.int32), np.array(values, np.float32)
-    )
-
-
-def _weights(mesh: bpy.types.Mesh, groups: Sequence[int]) -> SkinWeights:
-    """Positive weights of a mesh in the vertex groups ``groups`` (indices), with sum 1 per vertex,
-    none for a vertex without; bone k is ``groups[k]``."""
     column = {group: number for number, group in enumerate(groups)}
-    counts, bones, values = [0], [], []
-    for vertex in mesh.vertices:
-        row = sorted(
-            (column[element.group], element.weight)
-            for element in vertex.groups
-            if element.group in column and element.weight > 0.0
-        )
-        # Blender normalises the weights of deform groups in the same way.
-        total = sum(weight for _, weight in row)
-        bones += [bone for bone, _ in row]
-        values += [weight / total for _, weight in row]
-        counts.append(len(bones))
-    return _skin_weights(counts, bones, values)
+    rows = [
+        (number, column[element.group], element.weight)
+        for number, vertex in enumerate(mesh.vertices)
+        for element in vertex.groups
+        if element.group in column
+    ]
+    table = np.array(rows, np.float64).reshape(-1, 3)
+    table = table[table[:, 2] > 0.0]
+    owners, bones, values = table[np.lexsort((table[:, 1], table[:, 0]))].T
+    owners = owners.astype(np.int32)
+    # Blender normalises the weights of deform groups in the same way.
+    values = values / np.bincount(owners, values)[owners]
+    offsets = np.searchsorted(owners, np.arange(len(mesh.vertices) + 1))
+    return SkinWeights(offsets.astype(np.int32), bones.astype(np.int32), values.astype(np.float32))

@@ -21,7 +21,7 @@ from ..arrays import F64, I64
 from ..body.model import Avatar
 from ..body.rigs.mapping import BoneMapping
 from .bone_regions import JOINT_OF, REGIONS, known_regions, region_of
-from .target import TargetAvatar, areas_of, group_shares, owners_of
+from .target import TargetAvatar, group_shares, owners_of, vertex_areas
 from .turns import apply, similarity
 
 _FRAME_JOINTS: Final = ("neck", "head", "hip", "shoulder", "knee", "ankle", "ball")
@@ -97,10 +97,10 @@ def skeletons_of(avatar: Avatar, target: TargetAvatar, mapping: BoneMapping) -> 
     avatar_shares, target_shares = _regions(avatar, target, mapped, points)
     region = dominant(target_shares)
     # A region with less than a quarter of the canonical area is a stump, or missing.
-    own_areas = _region_areas(
-        avatar.vertices.astype(np.float64), avatar.faces[:, :3].astype(np.int64), avatar_shares
-    )
-    areas = _region_areas(points, target.triangles, target_shares)
+    halves = avatar.faces[:, :3].astype(np.int64)
+    own_skin = vertex_areas(avatar.vertices.astype(np.float64), halves)
+    own_areas = np.einsum("v,vr->r", own_skin, avatar_shares)
+    areas = np.einsum("v,vr->r", vertex_areas(points, target.triangles), target_shares)
     is_absent = areas < _LEAST_SKIN * (2.0 * own_areas)  # of quads, half was measured
     head = points[region == REGIONS.index("head")]
     if len(head) and "head" in joints:
@@ -172,12 +172,6 @@ def _regions(
     is_shown[target.triangles] = True
     target_shares *= is_shown[:, None]
     return group_shares(avatar.weights, avatar_regions, len(REGIONS)), target_shares
-
-
-def _region_areas(points: F64, triangles: I64, shares: F64) -> F64:
-    """Area (R,) of a surface by region, each triangle divided by its corners' mean ``shares`` (N,
-    R)."""
-    return np.asarray(areas_of(points, triangles) @ shares[triangles].mean(axis=1))
 
 
 def _straightened(canonical: Mapping[str, F64], joints: Mapping[str, F64]) -> dict[str, F64]:
@@ -341,12 +335,12 @@ class _Limb:
         if length < 0.5:  # folded: no plane separates the bones
             return None
         axis /= length
-        offset = points - self.hinge
-        along = offset @ axis
+        is_limb = upper + lower > 0.5
+        offset, shares = points[is_limb] - self.hinge, lower[is_limb] / (upper + lower)[is_limb]
+        along = np.einsum("ni,i->n", offset, axis)
         radius = np.linalg.norm(offset - along[:, None] * axis, axis=1)
-        both = upper + lower
-        is_near = (np.abs(along) < _ALONG_M) & (radius < _AROUND_M) & (both > 0.5)
-        share, positions = lower[is_near] / both[is_near], along[is_near]
+        is_near = (np.abs(along) < _ALONG_M) & (radius < _AROUND_M)
+        share, positions = shares[is_near], along[is_near]
         if len(positions) < _FEWEST or not (share < 0.5).any() or not (share > 0.5).any():
             return None
         steps = np.arange(-_ALONG_M, _ALONG_M, _STEP_M)
@@ -372,8 +366,8 @@ def with_placed_hinges(
     """
     joints, estimates = dict(bodies.joints), {}
     skins = (
-        _middles(points, bodies.avatar_shares, triangles),
-        _middles(bodies.points, bodies.target_shares, target_triangles),
+        (_middles(points, triangles), bodies.avatar_shares, triangles),
+        (_middles(bodies.points, target_triangles), bodies.target_shares, target_triangles),
     )
     for stem, (_, _, upper, lower) in _LIMBS.items():
         for side in "LR":
@@ -381,10 +375,10 @@ def with_placed_hinges(
             own, target = (_Limb.of(at, name) for at in (bodies.canonical, bodies.joints))
             if own is None or target is None:
                 continue
-            first, second = (REGIONS.index(f"{region}.{side}") for region in (upper, lower))
+            both = [REGIONS.index(f"{region}.{side}") for region in (upper, lower)]
             crossings = [
-                limb.crossing_m(places, shares[:, first], shares[:, second])
-                for limb, (places, shares) in zip((own, target), skins, strict=True)
+                limb.crossing_m(places, *(_middles(shares[:, r], corners) for r in both))
+                for limb, (places, shares, corners) in zip((own, target), skins, strict=True)
             ]
             share = own.lengths[0] / own.lengths.sum()
             # Relative to the rig's joint: the rig's own (0), by bone lengths, by skin weights. The
@@ -399,7 +393,6 @@ def with_placed_hinges(
     return replace(bodies, joints=joints), estimates
 
 
-def _middles(points: F64, shares: F64, triangles: I64) -> tuple[F64, F64]:
-    """Midpoints (2 F, 3) and mean region weights (2 F, R) of two edges of each of F triangles."""
-    edges = np.concatenate((triangles[:, :2], triangles[:, 1:]))
-    return points[edges].mean(axis=1), shares[edges].mean(axis=1)
+def _middles(values: F64, triangles: I64) -> F64:
+    """Means (2 F, ...) of the values (N, ...) at both ends, of two edges of each of F triangles."""
+    return (values[triangles[:, :2].T.ravel()] + values[triangles[:, 1:].T.ravel()]) / 2

@@ -18,6 +18,7 @@ from ..body.model import Avatar
 from .bone_regions import REGIONS
 from .joints import Skeletons, dominant
 from .surface import TargetSurface
+from .turns import unit
 
 # Joints of a limb from the torso outwards, each with the region after the joint
 _CHAINS: Final = (
@@ -100,8 +101,10 @@ class Limbs:
             if start not in joints or end not in joints:
                 return
             way = canonical[end] - canonical[start]
-            along.append(np.clip((self._points - canonical[start]) @ way / (way @ way), 0.0, 1.0))
-            axes.append(_unit(joints[end] - joints[start]))
+            # einsum instead of matrix products: threads of BLAS cost more here than they save.
+            share_along = np.einsum("vi,i->v", self._points - canonical[start], way / (way @ way))
+            along.append(np.clip(share_along, 0.0, 1.0))
+            axes.append(unit(joints[end] - joints[start]))
             self.axes += share[:, None] * axes[-1]
         beyond = shares[2].copy()
         # The whole hand follows the wrist; the foot less and less down to the sole on the ground.
@@ -120,8 +123,8 @@ class Limbs:
             way = canonical[names[max(number, 1)]] - canonical[names[max(number, 1) - 1]]
             regions = [f"{region}.{side}" for _, region in chain[max(number - 1, 0) : number + 1]]
             # Skin of these regions within 2 cm along the limb and 14 cm across of the joint.
-            offset, axis = self._points - canonical[name], _unit(way)
-            off_m = offset @ axis
+            offset, axis = self._points - canonical[name], unit(way)
+            off_m = np.einsum("vi,i->v", offset, axis)
             radius = np.linalg.norm(offset - off_m[:, None] * axis, axis=1)
             is_near = (np.abs(off_m) < _RING_M) & (radius < _RING_RADIUS_M)
             is_near &= np.isin(self._region, [REGIONS.index(region) for region in regions])
@@ -144,7 +147,7 @@ class Limbs:
             for low in [(at["hip.L"] + at["hip.R"]) / 2]
         )
         torso = REGIONS.index("torso")
-        height = (self._points - hips) @ up / (up @ up)
+        height = np.einsum("vi,i->v", self._points - hips, up / (up @ up))
         for name, level, heights in (
             ("waist", _WAIST, (0.0, _WAIST, 1.0)),
             ("chest", 1.0, (_WAIST, 1.0, 2.0)),
@@ -155,7 +158,7 @@ class Limbs:
             if len(ring):
                 carried = self._shares[:, torso] * hat
                 middle = low + level * axis
-                self.rings[name] = Ring(ring, middle, _unit(axis), (torso,), carried)
+                self.rings[name] = Ring(ring, middle, unit(axis), (torso,), carried)
 
     def with_joints_joined(self, points: F64, posed: F64) -> F64:
         """Copy of points (V, 3), moved along limbs so that slides stay within the spread of rigs.
@@ -199,7 +202,7 @@ def _girth_difference(ring: Ring, placed: F64, surface: TargetSurface) -> float:
     """Difference of the largest radii of target skin and model skin ``placed`` (n, 3) around a
     joint, 80th percentile of eight directions, metres; 0 if no direction has both."""
     around = surface.around(ring.joint, ring.axis, _RING_M, _RING_RADIUS_M, ring.regions)
-    side = _unit(np.cross(ring.axis, np.eye(3)[np.argmin(np.abs(ring.axis))]))
+    side = unit(np.cross(ring.axis, np.eye(3)[np.argmin(np.abs(ring.axis))]))
     outlines = []
     for points in (around, placed):
         offset = points - ring.joint
@@ -212,8 +215,3 @@ def _girth_difference(ring: Ring, placed: F64, surface: TargetSurface) -> float:
     gaps = np.abs(outlines[0] - outlines[1])
     gaps = gaps[np.isfinite(gaps)]
     return float(np.percentile(gaps, 80)) if len(gaps) else 0.0
-
-
-def _unit(way: F64) -> F64:
-    """Unit vector of a vector (3,); 0 for length 0."""
-    return np.asarray(way / max(float(np.linalg.norm(way)), 1e-12))

@@ -27,6 +27,7 @@ from .quality import FitQuality, judge, uncertain_places_m
 from .shape_fields import fields_for, shape
 from .surface import NearestSkin, TargetSurface, pull, vertex_normals
 from .target import TargetAvatar, areas_of, weight_matrix
+from .turns import unit
 
 # Largest distance of projection onto the skin, metres at canonical size (1.8 m)
 _LANDING_M: Final = 0.05
@@ -226,11 +227,10 @@ def carried(model: PerceptualModel, vertices: F64, normals: F64) -> tuple[F64, F
     ``vertices`` and ``normals`` are of the canonical avatar, (A, 3)."""
     corners = vertices[model.avatar_vertices]
     weights = model.avatar_weights.astype(np.float64)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+    across = unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     points = np.einsum("vc,vci->vi", weights, corners) + model.avatar_offset_m[:, None] * across
     outward = np.einsum("vc,vci->vi", weights, normals[model.avatar_vertices])
-    return points, outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+    return points, unit(outward)
 
 
 def _project(

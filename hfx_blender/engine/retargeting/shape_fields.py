@@ -24,7 +24,7 @@ from ..body.model import Avatar
 from .joints import Skeletons
 from .limbs import SLACK_M, Limbs
 from .surface import TargetSurface, vertex_normals
-from .target import areas_of
+from .target import vertex_areas
 
 SHAPES_FILE: Final = "shapes.npz"
 FORMAT: Final = "hfx shapes"
@@ -59,10 +59,8 @@ def shape(
     (V, 3, 4) posed each vertex, ``posed`` (V, 3) are posed vertices in normalised space.
     """
     moves = np.einsum("vij,kvj->kvi", matrices[..., :3], fields)
-    areas = np.bincount(
-        triangles.ravel(), np.repeat(areas_of(posed, triangles), 3), minlength=len(posed)
-    ).astype(np.float64)
-    areas = areas / areas.mean()
+    areas = vertex_areas(posed, triangles)
+    areas /= areas.mean()
     shares = np.zeros(len(fields))
     prior = _DISTRUST * np.eye(len(fields))
     for name, ring in limbs.rings.items():

@@ -9,12 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import F64, I64
-from ..native.library import library
+from ..native.library import library, loaded
 from ..volume.mesh_distance import TriangleTree, barycentric
+from .turns import unit
 
 _LONGEST_EDGE_M: Final = 0.02  # longest edge of cut triangles; the search compares triangle centres
 _CANDIDATES: Final = 8
 _ROUNDING_M: Final = 1e-9  # added to radii, so that rounding leaves no triangle out
+_NEARER: Final = 1.0 - 1e-9  # a place nearer than this share of the distance is another
 _SHARE: Final = 0.1  # smallest skin weight of a vertex or triangle in a region
 _FACING: Final = 0.3  # smallest cosine between the normals of matched places
 
@@ -35,21 +37,21 @@ class TargetSurface:
     ``triangles`` (F, 3), ``shares`` (A, R) skin weights by region."""
 
     def __init__(self, points: F64, triangles: I64, shares: F64) -> None:
-        from trimesh.triangles import normals
+        from trimesh.triangles import cross
 
         self.points, self.triangles = points, triangles
         self.normals = vertex_normals(points, triangles)
-        self.flat_normals: F64 = np.zeros((len(triangles), 3))  # (F, 3), 0 without area
-        unit, has_area = normals(points[triangles])
-        self.flat_normals[has_area] = unit
-        whole = shares[triangles].mean(axis=1)
+        self.flat_normals = unit(cross(points[triangles]))  # (F, 3), 0 without area
+        whole = sum(shares[corner] for corner in triangles.T) / 3
         self.region: I64 = np.where(whole.max(axis=1) > 0.0, whole.argmax(axis=1), -1)
         self._pieces, self.parent, self._corners = cut_triangles(points[triangles])
+        # (N, 3, 3) at the corners of the cut triangles, interpolated, so not of unit length
+        self._piece_normals: F64 = self._corners @ self.normals[triangles[self.parent]]
         self.centres: F64 = self._pieces.mean(axis=1)  # (N, 3) of the cut triangles
         ways = self._pieces - self.centres[:, None]
         self._radii: F64 = np.linalg.norm(ways, axis=2).max(axis=1) + _ROUNDING_M  # (N,)
-        parent = self.parent
-        self._members = [np.flatnonzero(whole[parent, r] >= _SHARE) for r in range(shares.shape[1])]
+        is_of = np.ascontiguousarray((whole >= _SHARE).T)
+        self._members = [np.flatnonzero(row[self.parent]) for row in is_of]  # (n,) by region
         self._triangle_trees: dict[int, TriangleTree] = {}  # by region
         self._centre_trees: dict[int, Any] = {}
 
@@ -70,14 +72,13 @@ class TargetSurface:
         """
         from scipy.spatial import cKDTree
 
-        count = len(points)
-        places = NearestSkin(
-            *(np.zeros(count, bool), np.zeros(count, np.int64)),
-            *(np.zeros((count, 3)) for _ in range(3)),
+        best, smallest = (
+            np.full(len(points), -1),
+            np.full(len(points), np.nextafter(reach_m, np.inf)),
         )
-        smallest = np.full(count, np.inf)
+        is_of = np.ascontiguousarray((shares >= _SHARE).T)
         for region, members in enumerate(self._members):
-            queries = np.flatnonzero(shares[:, region] >= _SHARE)
+            queries = np.flatnonzero(is_of[region])
             if not len(queries) or not len(members):
                 continue
             if library() is not None:
@@ -85,12 +86,13 @@ class TargetSurface:
                     pieces = np.ascontiguousarray(self._pieces[members])
                     self._triangle_trees[region] = TriangleTree(pieces)
                 tree = self._triangle_trees[region]
-                near, off = tree.nearest(np.ascontiguousarray(points[queries].T), reach_m)
-                is_open = off < smallest[queries]
-                queries, near = queries[is_open], near[is_open]
+                # A triangle of two regions is searched, and found, in the first alone.
+                reach = smallest[queries] * _NEARER
+                near, _ = tree.nearest(np.ascontiguousarray(points[queries].T), reach)
+                queries, near = queries[near >= 0], near[near >= 0]
                 pairs = queries, members[near]
                 # Where the nearest triangle faces away, on thin parts, the next ones are searched.
-                queries = queries[~self._improve(places, smallest, *pairs, points, normals, facing)]
+                queries = queries[~self._improve(best, smallest, *pairs, points, normals, facing)]
                 if not len(queries):
                     continue
             if region not in self._centre_trees:
@@ -98,7 +100,7 @@ class TargetSurface:
             # Nearest centres are candidates; exact distances choose among them. A triangle is no
             # nearer than its centre less its radius, so that farther centres are left out unseen.
             tries = min(_CANDIDATES, len(members))
-            farthest = min(reach_m, smallest[queries].max()) + self._radii[members].max()
+            farthest = smallest[queries].max() + self._radii[members].max()
             off, near = self._centre_trees[region].query(
                 points[queries], k=[*range(1, tries + 1)], distance_upper_bound=farthest
             )
@@ -107,47 +109,49 @@ class TargetSurface:
                 row, column = np.nonzero(near[:, columns] < len(members))
                 piece = members[near[row, column + columns.start]]
                 least = off[row, column + columns.start] - self._radii[piece]
-                is_open = least < np.minimum(smallest[queries[row]], reach_m)
+                is_open = least < smallest[queries[row]]
                 pairs = queries[row[is_open]], piece[is_open]
-                self._improve(places, smallest, *pairs, points, normals, facing, reach_m)
-        lengths = np.linalg.norm(places.normals, axis=1, keepdims=True)
-        np.divide(places.normals, np.maximum(lengths, 1e-12), out=places.normals)
-        return places
+                self._improve(best, smallest, *pairs, points, normals, facing)
+        found, triangle = best >= 0, np.zeros(len(best), np.int64)
+        piece, values = best[found], np.zeros((3, len(best), 3))
+        bary, triangle[found] = barycentric(points[found], self._pieces[piece]), self.parent[piece]
+        parts = self._corners[piece], self._pieces[piece], self._piece_normals[piece]
+        values[:, found] = [np.einsum("nc,nci->ni", bary, part) for part in parts]
+        return NearestSkin(found, triangle, values[0], values[1], unit(values[2]))
 
     def _improve(
         self,
-        places: NearestSkin,
+        best: I64,
         smallest: F64,
         point: I64,
         piece: I64,
         points: F64,
         normals: F64,
         facing: float,
-        reach_m: float = np.inf,
     ) -> npt.NDArray[np.bool_]:
-        """Enter the nearest of the places on cut triangles ``piece`` (n,) for points ``point``
-        (n,) that face the point and are nearer than ``smallest`` (P,), in place. Returns the mask
-        (n,) of places that could be entered; entered normals have no unit length."""
+        """Enter the nearest of the cut triangles ``piece`` (n,) for points ``point`` (n,) that face
+        the point and are nearer than ``smallest`` (P,) into ``best`` (P,) and ``smallest``. Returns
+        the mask (n,) of triangles that face the point and are nearer than the distances before."""
+        is_better = np.zeros(len(point), np.bool_)
+        if library() is not None:
+            own = self._pieces, self._piece_normals, len(point), point, piece
+            loaded().hfx_mesh_nearest_facing(
+                *own, points, normals, facing, smallest, best, is_better
+            )
+            return is_better
         bary = barycentric(points[point], self._pieces[piece])
         at = np.einsum("nc,nci->ni", bary, self._pieces[piece])
         distance = np.linalg.norm(at - points[point], axis=1)
-        is_better = (distance < smallest[point]) & (distance <= reach_m)
-        # Candidates that are no nearer, or out of reach, need no normals.
+        is_better = distance < smallest[point]
+        # Candidates that are no nearer need no normals.
         near = np.flatnonzero(is_better)
-        inside = np.einsum("nc,nck->nk", bary[near], self._corners[piece[near]])
-        corner = self.triangles[self.parent[piece[near]]]
-        normal = np.einsum("nk,nki->ni", inside, self.normals[corner])
+        normal = np.einsum("nc,nci->ni", bary[near], self._piece_normals[piece[near]])
         # Excludes the far side of thin parts.
-        faces = np.einsum("ni,ni->n", normal, normals[point[near]]) >= facing
-        is_better[near] = faces
+        is_better[near] = np.einsum("ni,ni->n", normal, normals[point[near]]) >= facing
         entered = np.flatnonzero(is_better)
         order = np.lexsort((distance[entered], point[entered]))
-        first = order[np.flatnonzero(np.diff(point[entered[order]], prepend=-1))]
-        row, best = point[entered[first]], entered[first]
-        smallest[row] = distance[best]
-        places.found[row] = True
-        places.triangle[row], places.points[row] = self.parent[piece[best]], at[best]
-        places.weights[row], places.normals[row] = inside[faces][first], normal[faces][first]
+        first = entered[order[np.flatnonzero(np.diff(point[entered[order]], prepend=-1))]]
+        smallest[point[first]], best[point[first]] = distance[first], piece[first]
         return is_better
 
     def around(
@@ -155,10 +159,12 @@ class TargetSurface:
     ) -> F64:
         """Centres (N, 3) of cut triangles of ``regions`` within ``half_m`` along ``axis``, a unit
         vector, and ``radius_m`` across of a point."""
-        members = np.unique(np.concatenate([self._members[region] for region in regions]))
-        centres = self.centres[members]
+        is_member = np.zeros(len(self.centres), np.bool_)
+        for region in regions:
+            is_member[self._members[region]] = True
+        centres = self.centres[is_member]
         offset = centres - point
-        along = offset @ axis
+        along = np.einsum("ni,i->n", offset, axis)
         off = np.linalg.norm(offset - along[:, None] * axis, axis=1)
         return np.asarray(centres[(np.abs(along) < half_m) & (off < radius_m)])
 
@@ -179,10 +185,9 @@ def cut_triangles(corners: F64) -> tuple[F64, I64, F64]:
         long = edges.max(axis=1) > _LONGEST_EDGE_M
         if not long.any() or len(corners) > 300_000:
             return corners, parent, places
-        halves = []
+        order, halves = (edges[long].argmax(axis=1)[:, None] + np.arange(3)) % 3, []
         for values in (corners, places):
             rows = values[long]
-            order = (edges[long].argmax(axis=1)[:, None] + np.arange(3)) % 3
             a, b, c = (rows[np.arange(len(rows)), order[:, k]] for k in range(3))
             middle = (a + b) / 2
             first, second = np.stack((a, middle, c), axis=1), np.stack((middle, b, c), axis=1)
@@ -193,11 +198,11 @@ def cut_triangles(corners: F64) -> tuple[F64, I64, F64]:
 
 def vertex_normals(points: F64, triangles: I64) -> F64:
     """Area-weighted unit normals (V, 3) of vertices ``points`` (V, 3)."""
-    from trimesh import geometry
     from trimesh.triangles import cross
 
-    normals: F64 = geometry.mean_vertex_normals(len(points), triangles, cross(points[triangles]))
-    return normals
+    across, corners = np.repeat(cross(points[triangles]), 3, axis=0), triangles.ravel()
+    sums = [np.bincount(corners, column, minlength=len(points)) for column in across.T]
+    return unit(np.column_stack(sums))
 
 
 STIFFNESS: Final = (300.0, 30.0, 10.0, 5.0, 2.0)
@@ -240,8 +245,12 @@ def pull(
         goal = moved + (gap / steep)[:, None] * across - slid[:, None] * axes
         # Vertices without a place follow their neighbours: only the membrane term acts on them.
         hold = places.found.astype(np.float64)
-        system = stiffness * laplacian + diags_array(hold + 1e-6)
-        shift = splu(system.tocsc()).solve((hold + 1e-6)[:, None] * (goal - points))
+        system = (stiffness * laplacian + diags_array(hold + 1e-6)).tocsc()
+        # Symmetric and diagonally dominant: no pivots, and a sparser factorisation.
+        factors = splu(
+            system, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+        shift = factors.solve((hold + 1e-6)[:, None] * (goal - points))
         moved = points + shift
         yield (number + 1) / len(STIFFNESS)
     return moved

@@ -11,6 +11,11 @@ def apply(matrix: F64, points: F64) -> F64:
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
 
 
+def unit(vectors: F64) -> F64:
+    """Vectors (..., 3) scaled to length 1; those shorter than 1e-14 are only divided by 1e-14."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-14))
+
+
 def similarity(source: F64, target: F64) -> F64:
     """Least-squares similarity transform (4, 4) from source to target points, (N, 3) each (Umeyama
     1991); NaN if a target point is not finite."""

@@ -56,16 +56,17 @@ class TriangleTree:
         """Distance of each point of (3, N) to the nearest triangle, (N,); NaN if not finite."""
         return self.nearest(points, np.inf)[1]
 
-    def nearest(self, points: F64, reach: float) -> tuple[I64, F64]:
+    def nearest(self, points: F64, reach: float | F64) -> tuple[I64, F64]:
         """Nearest triangle of each point of (3, N) within ``reach``, and the distance, (N,) each.
-        -1 and infinity beyond; -1 and NaN for points that are not finite."""
+        -1 and infinity beyond; -1 and NaN for points that are not finite. ``reach`` is of all or of
+        each point, (N,)."""
         if self.order is None:
             triangles, distances = self._compare(points)
             triangles[distances > reach], distances[distances > reach] = -1, np.inf
             return triangles, distances
         count = points.shape[1]
-        leaves, distances = np.empty(count, np.int64), np.empty(count)
-        loaded().hfx_mesh_nearest(self.compiled, points, count, reach, leaves, distances)
+        leaves, distances = np.empty(count, np.int64), np.full(count, reach)
+        loaded().hfx_mesh_nearest(self.compiled, points, count, leaves, distances)
         return np.where(leaves < 0, -1, self.order[leaves]), distances
 
     def distances_beyond(self, points: F64, limit: float, slack: float) -> F64:

@@ -16,6 +16,7 @@ from retarget_variants import Variant
 
 from hfx_blender.engine.body.model import SkinWeights, load_avatar, load_model
 from hfx_blender.engine.body.parts import PARTS
+from hfx_blender.engine.native.library import library
 from hfx_blender.engine.retargeting import retarget
 from hfx_blender.engine.retargeting import surface as surface_module
 from hfx_blender.engine.retargeting import target as retarget_target
@@ -323,10 +324,13 @@ def test_few_triangles_are_compared_for_a_nearest_place(monkeypatch: pytest.Monk
     triangles = np.concatenate([np.column_stack(columns) for columns in corners])
     surface = TargetSurface(grid, triangles, np.ones((1600, 1)))
     counts: list[int] = []
-    exact = surface_module.barycentric
-    monkeypatch.setattr(
-        surface_module, "barycentric", lambda p, c: counts.append(len(p)) or exact(p, c)
-    )
+    improve = TargetSurface._improve
+
+    def counted(self: TargetSurface, best: Any, smallest: Any, point: Any, *more: Any) -> Any:
+        counts.append(len(point))
+        return improve(self, best, smallest, point, *more)
+
+    monkeypatch.setattr(TargetSurface, "_improve", counted)
     queries = np.random.default_rng(1).uniform((0.02, 0.02, 0.001), (0.37, 0.37, 0.001), (500, 3))
     up = np.tile([0.0, 0.0, 1.0], (500, 1))
     places = surface.nearest(queries, up, np.ones((500, 1)), 0.05)
@@ -336,6 +340,37 @@ def test_few_triangles_are_compared_for_a_nearest_place(monkeypatch: pytest.Monk
     counts.clear()
     far = surface.nearest(np.add(queries, [0, 0, 0.1]), up, np.ones((500, 1)), 0.05)
     assert not far.found.any() and not sum(counts)
+
+
+@pytest.mark.skipif(library() is None, reason="no library was built")
+def test_places_are_the_same_without_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Candidates in random order on triangles large and small, thin, and of no area: the compiled
+    comparison enters the same triangles at the same distances as numpy's."""
+    rng = np.random.default_rng(3)
+    centres = rng.uniform(-0.1, 0.1, (300, 1, 3))
+    corners = centres + rng.normal(0.0, 1.0, (300, 3, 3)) * rng.choice([1e-4, 0.004], (300, 1, 1))
+    corners[:20, 2] = corners[:20, 1]  # edges
+    corners[20:30] = corners[20:30, :1]  # points
+    corners[30:60, 2] = corners[30:60, 0] + 0.3 * (corners[30:60, 1] - corners[30:60, 0]) + 1e-9
+    surface = TargetSurface(
+        corners.reshape(-1, 3), np.arange(900).reshape(-1, 3), np.ones((900, 1))
+    )
+    points, normals = rng.uniform(-0.12, 0.12, (200, 3)), rng.normal(size=(200, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    # Places on corners, edges and faces, too.
+    points[:60] = surface._pieces[:60, 0]
+    points[60:120] = surface._pieces[60:120].mean(axis=1)
+    point, piece = rng.integers(200, size=9000), rng.integers(len(surface._pieces), size=9000)
+    results = []
+    for compiled in (library, lambda: None):
+        monkeypatch.setattr(surface_module, "library", compiled)
+        best, smallest = np.full(200, -1), np.full(200, 0.06)
+        faces = surface._improve(best, smallest, point, piece, points, normals, 0.3)
+        results.append((best, smallest, np.isin(np.arange(200), point[faces])))
+    assert 50 < np.count_nonzero(results[0][0] >= 0) < 190
+    np.testing.assert_array_equal(results[0][0], results[1][0])
+    np.testing.assert_allclose(results[0][1], results[1][1], rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(results[0][2], results[1][2])
 
 
 def test_every_region_hangs_on_the_torso() -> None:

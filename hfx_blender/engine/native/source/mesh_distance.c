@@ -112,15 +112,15 @@ static Tree all_of(const hfx_tree *tree) {
   return (Tree){tree->boxes, tree->size, tree->frames, tree->size < TOGETHER ? tree->size : TOGETHER};
 }
 
-// Leaves of the nearest triangles within `reach` of points (3, count), and the distances: -1 and
-// infinity without one, NaN for what is not finite.
+// Leaves of the nearest triangles of points (3, count) within the distances given, and the distances:
+// -1 and infinity without one, NaN for what is not finite.
 HFX_EXPORT void hfx_mesh_nearest(const hfx_tree *known, const double *points, int64_t count,
-                                 double reach, int64_t *leaves, double *distances) {
+                                 int64_t *leaves, double *distances) {
   const Tree tree = all_of(known);
-  const double farthest = reach * reach * WIDER;
   int64_t last = 0;
   for (int64_t n = 0; n < count; ++n) {
     const double point[3] = {points[n], points[count + n], points[2 * count + n]};
+    const double farthest = distances[n] * distances[n] * WIDER;
     leaves[n] = -1;
     if (!is_finite(point)) {
       distances[n] = NAN;
