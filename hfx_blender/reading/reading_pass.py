@@ -35,8 +35,8 @@ class ReadingPass:
     """One pass over the times of a scene; scenes are stepped until ``stack`` is closed.
 
     ``always_posed``: pose bodies at all times, also without effects that need poses.
-    ``lone_samples`` (n,) are ascending sample indices, if only these are read. ``with_far``: read
-    stepped volumes also while far from skin.
+    ``is_comparison``: read distant samples in one block, without volumes that need no comparison.
+    ``with_far``: read stepped volumes also while far from skin.
 
     Attributes hold indices in the scene description: ``stepped_effects`` and ``stepped_bodies``,
     other active objects being read from F-curves (``curves``); ``dormant`` effects, never read;
@@ -53,20 +53,22 @@ class ReadingPass:
         *,
         always_posed: bool,
         stack: ExitStack,
-        lone_samples: I64 | None = None,
+        is_comparison: bool = False,
         with_far: bool = False,
     ) -> None:
         self.plan = plan
-        read = {*plan.effects, *plan.still_numbers}
+        read = {*plan.effects, *plan.bounded_numbers}
         self.stepped_effects = tuple(k for k in haptics.active if k not in read)
         self.stepped_bodies = tuple(k for k in range(len(haptics.bodies)) if k not in plan.bodies)
         self.dormant = tuple(sorted({*range(len(haptics.effects))}.difference(haptics.active)))
         self.in_scene = frozenset(
             k for k in haptics.active if haptics.effects[k].hfx.kind in IN_SCENE
         )
-        self.always_posed = always_posed
+        self.always_posed, self._is_comparison = always_posed, is_comparison
         self.counters = reading.counters
-        self.curves = EffectChunks(plan.effects, self._frames, lone_samples=lone_samples)
+        # Of bounded volumes only those near skin are asked for.
+        made = plan.effects.get
+        self.curves = EffectChunks(lambda k: made(k) or plan.bounded.effect(k), self._frames)
         self._exact_frames = ExactFrames.of(haptics.scene, scene.time)
         self._key_indices: dict[CurveEffect | CurveBody, F64] = {}
         areas = [effect.area for effect in scene.effects]
@@ -76,11 +78,11 @@ class ReadingPass:
         self.found = haptics
         self.scene = scene
         self._reading = reading
-        is_judged = lone_samples is None and not plan.is_sequential and not with_far
-        # None: judge by boxes. In a comparison no row has still volumes.
-        self._are_still_near = False if lone_samples is not None else with_far or None
+        is_judged = not is_comparison and not plan.is_sequential and not with_far
+        # None: judge by boxes. In a comparison no row has bounded volumes.
+        self._are_bounded_near = False if is_comparison else with_far or None
         # Comparisons need placements and values only, so boxes replace meshes.
-        reading.far = frozenset(() if lone_samples is None else self.stepped_effects)
+        reading.far = frozenset(self.stepped_effects if is_comparison else ())
         self.far_volumes = FarVolumes(haptics, scene, self.stepped_effects if is_judged else ())
         self.rows = self._stepped_rows(stack)
 
@@ -104,13 +106,14 @@ class ReadingPass:
 
     @np.errstate(invalid="ignore", over="ignore")  # the engine reports NaN
     def block(self, indices: I64, history: int = 0, future: int = 0) -> AnimationBlock:
-        """Read all effects and poses at consecutive sample indices (T,), in index order. The first
-        ``history`` and the last ``future`` samples belong to the neighbouring blocks."""
+        """Read all effects and poses at consecutive sample indices (T,), in index order; at any in
+        a comparison. The first ``history`` and the last ``future`` samples belong to the
+        neighbouring blocks."""
         frames, count = self._frames(indices), len(indices)
-        effects = self._from_curves(indices)
+        effects = self._from_curves(indices, frames)
         may_be_on = self.far_volumes.may_be_on(frames)
         is_posed = self._times_on(effects, count) | may_be_on.any(axis=0) | self.always_posed
-        is_posed |= bool(self.plan.still_numbers)  # always on
+        is_posed |= bool(self.plan.bounded_numbers)  # always on
         # Far volumes that are off in this block start over as far ones; the other far volumes are
         # read in full if they were near skin in the last block.
         far, volumes_on = self.far_volumes, may_be_on.any(axis=1)
@@ -128,7 +131,7 @@ class ReadingPass:
         # Stepped levels are known only now; bodies are also posed where these effects are on.
         is_posed |= self._times_on({k: effects[k] for k in in_full}, count)
         poses = self._poses(frames, is_posed, rows)
-        effects |= self._still_effects(count, poses)
+        effects |= self._bounded_effects(indices, poses)
         own = rows[history : len(rows) - future]
         effects |= self._far_effects(rows, poses, volumes_on, own)
         return AnimationBlock(
@@ -139,10 +142,13 @@ class ReadingPass:
             future=future,
         )
 
-    def _from_curves(self, indices: I64) -> dict[int, EffectBlock]:
+    def _from_curves(self, indices: I64, frames: F64) -> dict[int, EffectBlock]:
         """Blocks by index of the effects read from F-curves, with continuous sine phases; with
         impacts also motion between samples and key indices."""
-        effects = {k: self.curves.read(k, indices) for k in self.plan.effects}
+        if self._is_comparison:  # a chunk around each distant sample would cost 256 times as much
+            effects = {k: effect.read(frames) for k, effect in self.plan.effects.items()}
+        else:
+            effects = {k: self.curves.read(k, indices) for k in self.plan.effects}
         for k, effect in effects.items():
             if effect.response is not None:
                 response = response_values.with_even_phase(
@@ -228,18 +234,24 @@ class ReadingPass:
         far.in_full = {k for k in nearby if not reading.is_settled(k)}
         return far_blocks
 
-    def _still_effects(self, count: int, poses: list[PoseBlock]) -> dict[int, EffectBlock]:
-        """Blocks of still volumes by index at ``count`` times: in full near skin, else silent."""
-        still, effects = self.plan.still, self.scene.effects
-        if still is None:
+    def _bounded_effects(self, indices: I64, poses: list[PoseBlock]) -> dict[int, EffectBlock]:
+        """Blocks of bounded volumes by index at sample indices (T,): in full near skin, else
+        silent."""
+        bounded, effects, count = self.plan.bounded, self.scene.effects, len(indices)
+        if bounded is None:
             return {}
-        near: Iterable[bool] = itertools.repeat(bool(self._are_still_near))
-        if self._are_still_near is None:
-            near = still.are_near(poses).tolist()
+        near: Iterable[bool] = itertools.repeat(bool(self._are_bounded_near))
+        if self._are_bounded_near is None:
+            near = bounded.are_near(poses).tolist()
         blocks = {}
-        for k, is_near in zip(still.numbers, near, strict=False):
-            blocks[k] = still.block(k, count) if is_near else silence(count, self._modality(k))
-        self.counters.on |= dict.fromkeys((effects[k].id for k in still.numbers), True)
+        for k, is_near in zip(bounded.numbers, near, strict=False):
+            if not is_near:
+                blocks[k] = silence(count, self._modality(k))
+            elif k in bounded.keyed:
+                blocks[k] = self.curves.read(k, indices)
+            else:
+                blocks[k] = bounded.still_block(k, count)
+        self.counters.on |= dict.fromkeys((effects[k].id for k in bounded.numbers), True)
         return blocks
 
     def _effect_of(self, which: int, rows: list[SceneRow]) -> EffectBlock:

@@ -16,6 +16,7 @@ import numpy as np
 from ..authoring.effects.effect_values import ShapeCache
 from ..engine.arrays import I64
 from ..engine.scene import AnimationBlock, SceneDescription, SurfaceBinding
+from .bounded_volumes import BoundedVolumes
 from .curves.animation_curves import NotModelledError
 from .curves.curve_reading import CurveBody, CurveEffect, is_steady
 from .curves.fcurve_kinematics import Parents
@@ -31,7 +32,6 @@ from .stepped.stepped_reading import (
     agree,
 )
 from .stepped.stepped_rows import objects_of
-from .still_volumes import StillVolumes
 
 _PROBES = 5
 """Times at which a plan is compared with Blender."""
@@ -46,14 +46,14 @@ class Plan:
     reason: str = ""  # why some are stepped; empty if none
     in_own_scene: bool = False
     presampled: dict[int, PresampledRig] = field(default_factory=dict)  # bodies posed by Blender
-    still: StillVolumes | None = None  # further effects
+    bounded: BoundedVolumes | None = None  # further effects
     in_one_go: bool = False  # the own scene must be read in order
     is_sequential: bool = False  # a handler may depend on the order of frames
 
     @property
-    def still_numbers(self) -> Collection[int]:
-        """Indices of the effects in ``still``."""
-        return () if self.still is None else self.still.numbers
+    def bounded_numbers(self) -> Collection[int]:
+        """Indices of the effects in ``bounded``."""
+        return () if self.bounded is None else self.bounded.numbers
 
     @property
     def note(self) -> str:
@@ -87,11 +87,11 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: ShapeCache) -
             shape = shapes.shape_of(effect, effect.evaluated_get(found.layer.depsgraph))
         return CurveEffect(effect, found.activations[k], shape, found.unit_m, parents)
 
-    still_volumes = StillVolumes(found, scene, curve_effect)
-    plan = Plan(still=still_volumes if still_volumes.numbers else None)
-    still = {*plan.still_numbers}
+    bounded_volumes = BoundedVolumes(found, scene, curve_effect)
+    plan = Plan(bounded=bounded_volumes if bounded_volumes.numbers else None)
+    bounded = {*plan.bounded_numbers}
     for k in found.active:
-        if k in still:
+        if k in bounded:
             continue
         try:
             plan.effects[k] = curve_effect(k)
@@ -140,13 +140,14 @@ def checked(
     # must not be disturbed, so such a scene is compared in a scratch scene.
     is_disturbed = haptics.simulation is None and has_simulation_anywhere(haptics.scene)
     in_own_scene = plan.in_own_scene or (stepping.runs_code(haptics.read) and not is_disturbed)
-    is_sampled = bool(plan.effects or plan.bodies or plan.presampled or plan.still_numbers)
+    is_sampled = bool(plan.effects or plan.bodies or plan.presampled or plan.bounded_numbers)
     if plan.in_own_scene == in_own_scene and not is_sampled:
         return plan
     probes = np.unique(indices[np.linspace(0, len(indices) - 1, _PROBES).astype(int)])
-    # Nothing moves still volumes at another time, and Blender has placed them.
-    still = {*plan.still_numbers}
-    effects = [k for k in haptics.active if k not in still]
+    # Blender has placed bounded volumes at one time: still ones stay, and of keyed ones enough are
+    # among the other effects.
+    bounded = {*plan.bounded_numbers}
+    effects = [k for k in haptics.active if k not in bounded]
     truth = _as_evaluated(haptics, scene, reading, probes.tolist(), in_own_scene, effects)
     if agrees(plan, truth):
         return plan
@@ -155,7 +156,7 @@ def checked(
         plan = replace(plan, presampled={})
         if agrees(plan, truth):
             return plan
-    if plan.effects or plan.bodies or plan.still_numbers:
+    if plan.effects or plan.bodies or plan.bounded_numbers:
         stepped = Plan(
             reason="a few frames came out differently from F-curves",
             in_own_scene=plan.in_own_scene,
@@ -193,23 +194,24 @@ def _as_evaluated(
         return [reading.read(index, stepper, effects, bodies) for index in probes]
 
 
-def is_same(row: SceneRow, block: AnimationBlock) -> bool:
-    """Test that the first time of a block equals a row up to float32 rounding: effects of the row,
-    and bodies that are valid in the block."""
+def is_same(row: SceneRow, block: AnimationBlock, time: int) -> bool:
+    """Test that a time of a block, by number, equals a row up to float32 rounding: effects of the
+    row, and bodies that are valid in the block."""
 
-    def first(values: Any) -> Any:
-        return None if values is None else values[0]
+    def at(values: Any) -> Any:
+        # The vertices of a steady surface are those of all times.
+        return None if values is None else values[min(time, len(values) - 1)]
 
     for k, read_effect in row.effects.items():
         effect = block.effects[k]
         block_row = EffectRow(
-            float(effect.levels[0]),
-            effect.parameters[0].tolist(),
-            first(effect.matrices),
-            response=first(effect.response),
-            vertices=first(effect.vertices),
-            place=first(effect.place),
-            drive=first(effect.drive),
+            float(effect.levels[time]),
+            effect.parameters[time].tolist(),
+            at(effect.matrices),
+            response=at(effect.response),
+            vertices=at(effect.vertices),
+            place=at(effect.place),
+            drive=at(effect.drive),
         )
         # Shapes are not compared, and of a silent effect only the level. NaN counts as silent here.
         names = ["level"]
@@ -218,10 +220,10 @@ def is_same(row: SceneRow, block: AnimationBlock) -> bool:
         if not agree(read_effect, block_row, names):
             return False
     for k, pose in enumerate(block.poses):
-        if not pose.valid[0]:
+        if not pose.valid[time]:
             continue
         read = row.poses[k]
-        block_pose = PoseRow(pose.to_world[0], first(pose.bones), first(pose.surface))
+        block_pose = PoseRow(pose.to_world[time], at(pose.bones), at(pose.surface))
         if read is None or not agree(read, block_pose, ("to_world", "bones", "surface")):
             return False
     return True

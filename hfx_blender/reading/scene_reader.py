@@ -281,16 +281,16 @@ class SceneReader:
         def agrees(plan: Plan, truth: list[SceneRow]) -> bool:
             """Test that blocks read by a plan equal rows of Blender's evaluation."""
             with ExitStack() as stack:
-                reading = self.open_pass(stack, plan, np.array([row.index for row in truth]))
-                return all(is_same(row, reading.block(np.array([row.index]))) for row in truth)
+                indices = np.array([row.index for row in truth])
+                block = self.open_pass(stack, plan, is_comparison=True).block(indices)
+                return all(is_same(row, block, n) for n, row in enumerate(truth))
 
         return checked(plan, self.found, self._described, self._reading, indices, agrees)
 
     def open_pass(
-        self, stack: ExitStack, plan: Plan | None = None, lone_samples: I64 | None = None
+        self, stack: ExitStack, plan: Plan | None = None, *, is_comparison: bool = False
     ) -> ReadingPass:
-        """Start a pass by ``plan`` (default :attr:`plan`), open until ``stack`` closes;
-        ``lone_samples`` are the only sample indices read, if given."""
+        """Start a pass by ``plan`` (default :attr:`plan`), open until ``stack`` closes."""
         return ReadingPass(
             plan or self.plan,
             self.found,
@@ -298,7 +298,7 @@ class SceneReader:
             self._reading,
             always_posed=self._always_posed,
             stack=stack,
-            lone_samples=lone_samples,
+            is_comparison=is_comparison,
             with_far=self._with_far,
         )
 

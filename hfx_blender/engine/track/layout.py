@@ -105,7 +105,7 @@ STORAGE: Final = loose(
 
 def encode_index(chunks: list[int], streams: list[StreamIndex]) -> bytes:
     """Chunk numbers and the streams' entries as UTF-8 JSON with a final newline."""
-    content = {"chunks": chunks, "streams": [asdict(stream) for stream in streams]}
+    content = {"chunks": chunks, "streams": [vars(stream) for stream in streams]}
     return json.dumps(content, sort_keys=True, allow_nan=False).encode() + b"\n"
 
 
@@ -283,7 +283,7 @@ def _effect_to_json(effect: TrackEffect) -> dict[str, Any]:
         }
         for clip in effect.clips
     ]
-    content = {**asdict(effect), "clips": clips}
+    content = {**vars(effect), "clips": clips}
     if effect.kind != "actuators":
         del content["device_id"], content["actuators"]
     return content

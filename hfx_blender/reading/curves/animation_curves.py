@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ...blender import compat
-from ...engine.arrays import F32, F64, I64
+from ...engine.arrays import F32, F64, I32, I64
 from ...engine.kinematics.keyframe_curves import Interpolation, KeyedCurves
 
 Channel = tuple[str, int]  # RNA path and array index of an animated property
@@ -50,12 +50,38 @@ class _Curves:
         return values
 
 
+def plain_keys(curve: bpy.types.FCurve) -> tuple[F32, I32] | None:
+    """Frames and values of K keys, their left and right handles, (3, K, 2), and interpolations
+    (K,); None without keys, with F-modifiers, extrapolation, easing or infinite keys."""
+    keys = curve.keyframe_points
+    if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT":
+        return None
+    points, kinds = np.empty((3, len(keys), 2), np.float32), np.empty(len(keys), np.int32)
+    for name, flat in zip(("co", "handle_left", "handle_right"), points, strict=True):
+        keys.foreach_get(name, flat.ravel())
+    keys.foreach_get("interpolation", kinds)
+    # Blender stores the largest float32 for an infinite key; NaN fails each comparison.
+    is_plain = kinds.max() <= _LAST_KIND and np.abs(points).max() < np.finfo(np.float32).max
+    return (points, kinds) if is_plain else None
+
+
+def limits_of(curve: bpy.types.FCurve) -> tuple[float, float]:
+    """Lower and upper bound of a curve's values over all frames; (-inf, inf) without
+    :func:`plain_keys`."""
+    plain = plain_keys(curve)
+    if plain is None:
+        return -math.inf, math.inf
+    # A Bezier curve stays within the hull of the keys and handles.
+    values = plain[0][..., 1]
+    return float(values.min()), float(values.max())
+
+
 def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool]) -> _Curves:
     """Group valid, unmuted curves whose RNA path is accepted by ``selects``, by equal frames and
-    interpolations. Curves without keys, with F-modifiers, extrapolation, easing or infinite keys go
-    to ``other``; frames of all curves are collected in ``key_frames``."""
+    interpolations. Curves without plain keys go to ``other``; frames of all curves are collected in
+    ``key_frames``."""
     grouped = _Curves()
-    groups: dict[tuple[bytes, bytes], list[tuple[int, bpy.types.FCurve, F32]]] = {}
+    groups: dict[tuple[bytes, bytes], list[tuple[int, F32]]] = {}
     for curve in curves:
         if not selects(curve.data_path):
             continue
@@ -63,55 +89,27 @@ def _grouped(curves: Iterable[bpy.types.FCurve], selects: Callable[[str], bool])
             continue
         column = len(grouped.channels)
         grouped.channels.append((curve.data_path, curve.array_index))
-        keys = curve.keyframe_points
-        points, kinds = np.empty(len(keys) * 2, np.float32), np.empty(len(keys), np.int32)
-        keys.foreach_get("co", points)
-        grouped.key_frames.update(points[::2].tolist())
+        plain = plain_keys(curve)
         # Rare cases, left to Blender frame by frame: modifiers and extrapolation have many forms.
-        if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT":
+        if plain is None:
+            grouped.key_frames.update(key.co[0] for key in curve.keyframe_points)
             grouped.other.append((curve, column))
             continue
-        keys.foreach_get("interpolation", kinds)
-        handles = np.empty((2, len(points)), np.float32)
-        keys.foreach_get("handle_left", handles[0])
-        keys.foreach_get("handle_right", handles[1])
-        # Blender stores the largest float32 for an infinite key; NaN fails each comparison.
-        if not (np.abs([points, *handles]) < np.finfo(np.float32).max).all():
-            grouped.other.append((curve, column))
-            continue
-        signature = points[::2].tobytes(), kinds.tobytes()
+        frames = plain[0][0, :, 0]
+        grouped.key_frames.update(frames.tolist())
         # Curves with equal key frames and interpolations share the search for segments, as in baked
         # motion.
-        groups.setdefault(signature, []).append((column, curve, points[1::2]))
+        signature = frames.tobytes(), plain[1].tobytes()
+        groups.setdefault(signature, []).append((column, plain[0]))
     for (frame_bytes, kind_bytes), members in groups.items():
         kinds = np.frombuffer(kind_bytes, np.int32)
-        if kinds.max() > _LAST_KIND:  # easing
-            grouped.other += [(curve, column) for column, curve, _ in members]
-            continue
-        # Linear and constant segments never use handles: none are copied from Blender.
-        curved = _BEZIER in kinds
-        grouped.keyed.append(
-            (
-                KeyedCurves(
-                    np.frombuffer(frame_bytes, np.float32).astype(np.float64),
-                    kinds,
-                    np.stack([values for _, _, values in members]).astype(np.float64),
-                    _handles(members, "handle_left") if curved else None,
-                    _handles(members, "handle_right") if curved else None,
-                ),
-                [column for column, _, _ in members],
-            )
-        )
+        frames = np.frombuffer(frame_bytes, np.float32).astype(np.float64)
+        points = np.stack([points for _, points in members], axis=1).astype(np.float64)
+        # Linear and constant segments never use handles.
+        handles = points[1:] if _BEZIER in kinds else (None, None)
+        curves_of_group = KeyedCurves(frames, kinds, points[0, ..., 1], *handles)
+        grouped.keyed.append((curves_of_group, [column for column, _ in members]))
     return grouped
-
-
-def _handles(members: list[tuple[int, bpy.types.FCurve, F32]], name: str) -> F64:
-    """Frames and values of handles (C, K, 2) of C curves with K keys each, ``members`` as (column,
-    curve, values); ``name`` is "handle_left" or "handle_right"."""
-    flat = np.empty((len(members), 2 * len(members[0][2])), np.float32)
-    for k, (_, curve, _) in enumerate(members):
-        curve.keyframe_points.foreach_get(name, flat[k])
-    return flat.reshape(len(members), -1, 2).astype(np.float64)
 
 
 class _Strip:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Effects and bodies read from F-curves over blocks of times, without stepping."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 import bpy
@@ -209,29 +209,18 @@ def _refuse_deformed(effect: bpy.types.Object) -> None:
 
 
 class EffectChunks:
-    """Cache of sampled effects in chunks of :data:`_CHUNK` samples. ``lone_samples`` (n,)
-    ascending: sample these indices together, without chunks."""
+    """Cache of effects sampled in chunks of :data:`_CHUNK` samples, of the effects by number that
+    ``effect_of`` returns."""
 
     def __init__(
-        self,
-        effects: Mapping[int, CurveEffect],
-        frames_of: Callable[[I64], F64],
-        *,
-        lone_samples: I64 | None = None,
+        self, effect_of: Callable[[int], CurveEffect], frames_of: Callable[[I64], F64]
     ) -> None:
-        self._effects = effects
+        self._effect_of = effect_of
         self._frames_of = frames_of
-        self._lone_samples = lone_samples
-        self._chunks: dict[int, dict[int, EffectBlock]] = {}
+        self._chunks: dict[int, tuple[F64, dict[int, EffectBlock]]] = {}
 
     def read(self, which: int, indices: I64) -> EffectBlock:
-        """Block of effect ``which`` at ascending, not empty sample indices (n,); if the reader has
-        ``lone_samples``, all must be among these."""
-        # A comparison reads a few distant samples: a chunk around each would cost 256 times as
-        # much.
-        if self._lone_samples is not None:
-            rows = np.searchsorted(self._lone_samples, indices)
-            return _rows_of(self._chunk(0, self._lone_samples)[which], rows)
+        """Block of effect ``which`` at ascending, not empty sample indices (n,)."""
         # Chunks stand at fixed positions in time, so that neighbouring blocks share them.
         numbers = indices // _CHUNK
         parts = []
@@ -239,7 +228,7 @@ class EffectChunks:
             rows = indices[numbers == number] - number * _CHUNK
             if len(rows):
                 inside = np.arange(number * _CHUNK, (number + 1) * _CHUNK)
-                parts.append(_rows_of(self._chunk(number, inside)[which], rows))
+                parts.append(_rows_of(self._chunk(which, number, inside), rows))
         if len(parts) == 1:
             return parts[0]
         # Fields without a time axis are equal in all chunks.
@@ -247,16 +236,18 @@ class EffectChunks:
         columns = {name: np.concatenate([getattr(b, name) for b in parts]) for name in present}
         return replace(parts[0], **columns)
 
-    def _chunk(self, number: int, indices: I64) -> dict[int, EffectBlock]:
-        """Blocks of all effects, by key, at ``indices``, cached by chunk number; a new chunk
-        removes all but the two neighbouring chunks."""
+    def _chunk(self, which: int, number: int, indices: I64) -> EffectBlock:
+        """Block of an effect at ``indices``, cached by chunk number; a new chunk removes all but
+        the two neighbouring chunks."""
         if number not in self._chunks:
             # Blocks are read forwards and overlap by a few samples: two chunks are in use.
-            frames = self._frames_of(indices)
             for old in [old for old in self._chunks if abs(old - number) > 1]:
                 del self._chunks[old]
-            self._chunks[number] = {k: e.read(frames) for k, e in self._effects.items()}
-        return self._chunks[number]
+            self._chunks[number] = self._frames_of(indices), {}
+        frames, blocks = self._chunks[number]
+        if which not in blocks:
+            blocks[which] = self._effect_of(which).read(frames)
+        return blocks[which]
 
 
 _BY_TIME = ("levels", "parameters", "matrices", "response", "place", "drive")

@@ -19,7 +19,9 @@ from ...blender import compat
 from ...blender.stored_values import limited
 from ...engine.areas.felt_times import NEUTRAL_WITHIN_C
 from ...engine.arrays import F64
+from ...engine.kinematics.keyframe_curves import Interpolation
 from ...engine.scene import Clip
+from ..curves.animation_curves import plain_keys
 
 
 class ActivationSource(Enum):
@@ -135,20 +137,17 @@ def _spans_of(
             return max(values) > 0.0
         return max(abs(value - neutral) for value in values) >= NEUTRAL_WITHIN_C
 
-    keys = list(curve.keyframe_points)
-    kinds = {key.interpolation for key in keys}
-    plain = kinds <= {"CONSTANT", "LINEAR", "BEZIER"} and curve.extrapolation == "CONSTANT"
-    values = [v for key in keys for v in (*key.co, *key.handle_left, *key.handle_right)]
-    if not keys or not plain or len(curve.modifiers) or not np.isfinite(values).all():
+    plain = plain_keys(curve)
+    if plain is None:
         return ((-np.inf, np.inf),)
-    spans = [(-np.inf, keys[0].co[0])] if is_strong(keys[0].co[1]) else []
-    for key, following in pairwise(keys):
+    keys, lefts, rights = plain[0].tolist()
+    spans = [(-np.inf, keys[0][0])] if is_strong(keys[0][1]) else []
+    for k, (key, following) in enumerate(pairwise(keys)):
         # A Bezier curve stays within the hull of the keys and handles.
-        values = [key.co[1], following.co[1]]
-        if key.interpolation == "BEZIER":
-            values += [key.handle_right[1], following.handle_left[1]]
-        if is_strong(*values):
-            spans.append((key.co[0], following.co[0]))
-    if is_strong(keys[-1].co[1]):
-        spans.append((keys[-1].co[0], np.inf))
+        is_curved = plain[1][k] == Interpolation.BEZIER
+        handles = (rights[k][1], lefts[k + 1][1]) if is_curved else ()
+        if is_strong(key[1], following[1], *handles):
+            spans.append((key[0], following[0]))
+    if is_strong(keys[-1][1]):
+        spans.append((keys[-1][0], np.inf))
     return tuple(spans)

@@ -13,6 +13,7 @@ from ...engine.arrays import F64
 from ...engine.response_filters.controls import WIDTH, FilterKind
 from ...engine.response_filters.envelope import longest_s
 from ...engine.scene import HapticVolume, TimeBase
+from ..curves.animation_curves import limits_of
 from ..curves.animation_time import animation_frames
 
 _STEPS_A_FRAME = 4  # integration steps per frame for a variable frequency
@@ -48,20 +49,8 @@ def _longest_s(effect: bpy.types.Object, index: int, item: bpy.types.PropertyGro
             return longest_s(highest, highest)
         for curve in compat.all_fcurves(effect):
             if curve.data_path == path:
-                times_s[name] = max(times_s[name], min(highest_of(curve), highest))
+                times_s[name] = max(times_s[name], min(limits_of(curve)[1], highest))
     return longest_s(*times_s.values())
-
-
-def highest_of(curve: bpy.types.FCurve) -> float:
-    """Upper bound of a curve's values over all frames, from keys and handles; inf without keys,
-    with easing, F-modifiers, extrapolation or NaN."""
-    keys = curve.keyframe_points
-    plain = all(key.interpolation in {"CONSTANT", "LINEAR", "BEZIER"} for key in keys)
-    if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT" or not plain:
-        return float("inf")
-    # A Bezier curve stays within the hull of the keys and handles.
-    values = [v for key in keys for v in (key.co[1], key.handle_left[1], key.handle_right[1])]
-    return max(values) if np.isfinite(values).all() else float("inf")
 
 
 def controls(hfx: bpy.types.PropertyGroup, unit_m: float) -> F64 | None:

@@ -27,7 +27,7 @@ from ...engine.scene import (
     SkinBinding,
     SurfaceBinding,
 )
-from ..description.response_values import highest_of
+from ..curves.animation_curves import limits_of
 from ..description.scene_description import HapticObjects
 from ..description.soundness import SIZES
 from ..description.visibility import is_keyed
@@ -208,7 +208,7 @@ def _largest(effect: bpy.types.Object, shape: str) -> list[float] | None:
                 return None
             limits = effect.hfx.bl_rna.properties[name]
             default = max(limits.default_array) if name == "size" else limits.default
-            most = max(most, default, *map(highest_of, curves))
+            most = max(most, default, *(limits_of(curve)[1] for curve in curves))
         if not np.isfinite(most):
             return None
         sizes += [most] * len(now) if most > max(now) else now

@@ -57,7 +57,7 @@ def test_parts_are_known_before_anything_is_read(reading: ReadingPass) -> None:
     number = _numbers(reading)
     assert set(reading.stepped_effects) == {number["Away"], number["Comes"]}
     assert reading.dormant == (number["Muted"],)
-    assert [*reading.plan.still_numbers] == [number["Plain"]] and not reading.plan.effects
+    assert [*reading.plan.bounded_numbers] == [number["Plain"]] and not reading.plan.effects
     assert reading.stepped_bodies == ()
     assert reading.in_scene == {number[name] for name in ("Plain", "Away", "Comes")}
 
