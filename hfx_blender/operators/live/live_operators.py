@@ -139,7 +139,7 @@ class HFX_OT_live_person(OfDevice):
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         self._shown = self._marks(self._device())
-        return context.window_manager.invoke_props_dialog(self)
+        return context.window_manager.invoke_props_dialog(self, width=420)
 
     def draw(self, _context: bpy.types.Context) -> None:
         column = self.layout.column()
