@@ -52,7 +52,8 @@ class _Curves:
 
 def plain_keys(curve: bpy.types.FCurve) -> tuple[F32, I32] | None:
     """Frames and values of K keys, their left and right handles, (3, K, 2), and interpolations
-    (K,); None without keys, with F-modifiers, extrapolation, easing or infinite keys."""
+    (K,); None without keys, with F-modifiers, extrapolation, easing, infinite keys or keys out of
+    order, as a script may leave them."""
     keys = curve.keyframe_points
     if not len(keys) or len(curve.modifiers) or curve.extrapolation != "CONSTANT":
         return None
@@ -62,6 +63,7 @@ def plain_keys(curve: bpy.types.FCurve) -> tuple[F32, I32] | None:
     keys.foreach_get("interpolation", kinds)
     # Blender stores the largest float32 for an infinite key; NaN fails each comparison.
     is_plain = kinds.max() <= _LAST_KIND and np.abs(points).max() < np.finfo(np.float32).max
+    is_plain &= bool((np.diff(points[0, :, 0]) > 0.0).all())
     return (points, kinds) if is_plain else None
 
 

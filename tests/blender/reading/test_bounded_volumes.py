@@ -149,6 +149,10 @@ def _without_number(ball: Any) -> None:
     compat.fcurves(ball)[0].keyframe_points[1].co[1] = float("nan")
 
 
+def _out_of_order(ball: Any) -> None:
+    compat.fcurves(ball)[0].keyframe_points[0].co[0] = 20.0
+
+
 def _in_strips(ball: Any) -> None:
     data = ball.animation_data
     data.nla_tracks.new().strips.new("Strip", 1, data.action)
@@ -179,7 +183,7 @@ def _blinking(ball: Any) -> None:
     [
         *(_cyclic, _noisy, _extrapolated, _elastic, _bouncing, _swinging_back, _without_number),
         *(_in_strips, _driven, _constrained, _under_a_parent, _through_no_size, _faded, _growing),
-        *(_blinking, _answering),
+        *(_out_of_order, _blinking, _answering),
     ],
 )
 def test_a_keyed_volume_of_unknown_reach_is_not_bounded(

@@ -118,6 +118,15 @@ def test_free_handles_even_those_that_overshoot(scene: Any, seed: int) -> None:
         assert np.allclose(actual[k, :3, 3], truth, atol=1e-3), frame
 
 
+def test_keys_that_a_script_left_out_of_order(scene: Any) -> None:
+    obj = oracle.empty(scene)
+    key_at_random(obj, "location", 4)
+    for curve in compat.fcurves(obj):
+        first, _, last = curve.keyframe_points
+        first.co[0], last.co[0] = 20.0, 1.0
+    assert_object(obj)
+
+
 def test_modifiers_extrapolation_and_muted_curves(scene: Any) -> None:
     obj = oracle.empty(scene)
     key_at_random(obj, "location", 5)
