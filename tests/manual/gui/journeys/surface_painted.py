@@ -49,34 +49,58 @@ def steps(h: Any) -> Iterator[float]:
     brush_colour(settings, (1.0, 1.0, 1.0))
     brush_size(settings, 20)
     yield 1.0
-    for k in range(STROKES):
-        x = 0.2 + 0.6 * k / (STROKES - 1)
-        yield from h.drag([h.xy(region, x, 0.3 + 0.04 * step) for step in range(11)], step=0.03)
-    yield 1.0
+    yield from paint(h, region)
     h.shot("1_painted.png")
-    h.check(np.ptp(pixels_of(bpy.data.images["Texture"])) > 0.9, "strokes are on the texture")
+    h.check(is_painted(), "strokes are on the texture")
     yield from h.until(lambda: surface().is_outdated or is_bumpy(), "they are noticed", 30)
     yield 3.0
     h.shot("2_followed.png")
     h.check(editor.image == bpy.data.images["Texture"], "the editor shows the texture")
+    count = STROKES  # undo steps
     if surface().is_outdated:  # baking took too long for an automatic bake
+        count += 1
         yield from h.press_button("HFX_OT_bake_surface")
         yield 1.0
     h.check(is_bumpy(), "and are on the map")
     yield from h.move(*h.xy(region, 0.5, 0.5))
-    for _ in range(STROKES):
+    yield from undo_and_redo(h, count)
+    for _ in range(count):
         yield from h.key("ctrl+z")
     yield 3.0
     h.shot("3_undone.png")
-    if surface().is_outdated:
+    if surface().is_outdated:  # the button ends the redo
         yield from h.press_button("HFX_OT_bake_surface")
         yield 1.0
     h.check(not is_bumpy(), "Ctrl+Z of the strokes makes the map even")
-    for _ in range(STROKES):
+    yield from paint(h, region)
+    yield from h.until(lambda: surface().is_outdated or is_bumpy(), "new ones are noticed", 30)
+    yield 3.0
+    if surface().is_outdated:
+        yield from h.press_button("HFX_OT_bake_surface")
+        yield 1.0
+    h.check(is_bumpy(), "and are on the map, too")
+    yield from warm_and_export(h)
+
+
+def paint(h: Any, region: bpy.types.Region) -> Iterator[float]:
+    """Draw upright strokes beside each other."""
+    for k in range(STROKES):
+        x = 0.2 + 0.6 * k / (STROKES - 1)
+        yield from h.drag([h.xy(region, x, 0.3 + 0.04 * step) for step in range(11)], step=0.03)
+    yield 1.0
+
+
+def undo_and_redo(h: Any, count: int) -> Iterator[float]:
+    """Undo and redo so many steps. A bake by the button in between would end the redo."""
+    for _ in range(count):
+        yield from h.key("ctrl+z")
+    yield from h.until(lambda: not is_painted(), "Ctrl+Z takes the strokes back", 30)
+    yield 3.0
+    for _ in range(count):
         yield from h.key("ctrl+shift+z")
+    yield from h.until(is_painted, "redo paints them again", 30)
     yield from h.until(lambda: surface().is_outdated or is_bumpy(), "redo is noticed", 30)
     yield 3.0
-    yield from warm_and_export(h)
 
 
 def warm_and_export(h: Any) -> Iterator[float]:
@@ -145,6 +169,10 @@ def brush_size(settings: Any, size: int) -> None:
 def surface() -> Any:
     """Settings of the board's surface; call again after each undo."""
     return bpy.data.objects["Board"].hfx.surface
+
+
+def is_painted() -> bool:
+    return bool(np.ptp(pixels_of(bpy.data.images["Texture"])) > 0.9)
 
 
 def is_bumpy() -> bool:
