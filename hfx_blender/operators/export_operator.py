@@ -372,6 +372,8 @@ def _forget(file: object) -> None:
     last_written.clear()  # of another file, or another state of this file
     if isinstance(file, str):  # undo and redo pass a scene
         live.tracks.written.clear()
+    else:
+        live.tracks.restore_written()
 
 
 _HANDLERS = dict.fromkeys(("load_post", "undo_post", "redo_post"), _forget)

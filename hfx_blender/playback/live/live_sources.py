@@ -140,18 +140,24 @@ class TrackSource:
         self.written.pop(scene.name, None)
 
     def select_written(self, scene: bpy.types.Scene, path: str) -> None:
-        """Select a track just written. Without an undo step: undo of an earlier edit takes the
-        scene's setting back, but devices go on playing this track."""
+        """Select a track just written. Without an undo step: :meth:`restore_written` selects the
+        track again after undo."""
         if scene.hfx.live_track != path:
             scene.hfx.live_track = path
         self.written[scene.name] = path
+
+    def restore_written(self) -> None:
+        """Select the written tracks again, as undo of an earlier edit takes the settings back."""
+        for name, path in [*self.written.items()]:
+            if name in bpy.data.scenes:
+                self.select_written(bpy.data.scenes[name], path)
 
     def _path(self, scene: bpy.types.Scene) -> Path:
         """Absolute path of the selected track. InputError if no track is selected, the file is no
         track, or the path is on another machine and was not selected in this session."""
         from ...engine.track import SUFFIX
 
-        selected = self.written.get(scene.name, scene.hfx.live_track)
+        selected = scene.hfx.live_track
         if not selected:
             raise InputError("Choose a track, or press Record Track.")
         path = Path(bpy.path.abspath(selected))

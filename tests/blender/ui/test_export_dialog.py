@@ -61,10 +61,14 @@ def test_undo_after_an_export_keeps_the_track_of_live_devices(small: Any, tmp_pa
     bpy.ops.hfx.export(filepath=path)
     bpy.ops.ed.undo()
     scene = bpy.context.scene
-    assert (scene.frame_end, scene.hfx.live_track) == (3, earlier), "only the edit is undone"
+    assert (scene.frame_end, scene.hfx.live_track) == (3, path), "only the edit is undone"
+    bpy.ops.ed.redo()
+    scene = bpy.context.scene
+    assert (scene.frame_end, scene.hfx.live_track) == (7, path)
     assert str(live.tracks._path(scene)) == path
     scene.hfx.live_track = earlier  # chosen
-    assert str(live.tracks._path(scene)) == earlier
+    bpy.ops.ed.undo()
+    assert bpy.context.scene.hfx.live_track == earlier
 
 
 def test_what_no_device_is_there_for_is_said(small: Any, tmp_path: Path) -> None:
