@@ -6,8 +6,6 @@ and nodes of the user stay unchanged. The relief is the sum of the materials' he
 :mod:`.material_relief`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -87,7 +85,7 @@ def _kept_images() -> Iterator[None]:
                 space.image = image
 
 
-def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -> BakedMaterial:
+def _bake(scratch: "_Scratch", owner: str, width: int, height: int, uv_map: str) -> BakedMaterial:
     copy, notes = scratch.copy, []
     charts = surface_uv.charts_of(copy.data, uv_map, owner, copy.matrix_world)
     copy.data.uv_layers[charts.name].active = True
@@ -135,7 +133,7 @@ def _bake(scratch: _Scratch, owner: str, width: int, height: int, uv_map: str) -
     )
 
 
-def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
+def _uv_fault(scratch: "_Scratch", charts: Charts) -> str:
     """Fault of the UV map: UVs beyond 0..1, or by a test bake more than 2 % of overlap; else ""."""
     if charts.leaves_unit_square:
         return "goes beyond 0 to 1"
@@ -146,7 +144,7 @@ def _uv_fault(scratch: _Scratch, charts: Charts) -> str:
     return f"covers {overlap:.0%} of its area twice" if overlap > _OVERLAP else ""
 
 
-def _use_one_tile(scratch: _Scratch, charts: Charts, owner: str, fault: str) -> None:
+def _use_one_tile(scratch: "_Scratch", charts: Charts, owner: str, fault: str) -> None:
     """Bake a UV unit of the material instead of UV map ``charts``, which has the ``fault``. Raises
     InputError: several materials, or a material that depends on more than UVs."""
     # A tile stands for the whole surface only if nothing but UVs matters.

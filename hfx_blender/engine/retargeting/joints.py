@@ -7,8 +7,6 @@ the canonical ratio of bone lengths. A single wrong estimate does no harm; the s
 uncertainty.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -305,7 +303,7 @@ class _Limb:
     end: F64
 
     @classmethod
-    def of(cls, joints: Mapping[str, F64], hinge: str) -> _Limb | None:
+    def of(cls, joints: Mapping[str, F64], hinge: str) -> "_Limb | None":
         """Limb around a hinge; None without a joint or with a bone of no length."""
         stem, side = hinge.split(".")
         names = (f"{_LIMBS[stem][0]}.{side}", hinge, f"{_LIMBS[stem][1]}.{side}")

@@ -8,8 +8,6 @@ belongs to the coarser cell. A quad is sampled at ``steps`` by ``steps`` points,
 pose stretches the quad.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -186,7 +184,7 @@ class SkinMesh:
     starts: I64  # (V + 1,) first corner of each vertex
 
     @classmethod
-    def of(cls, model: PerceptualModel) -> SkinMesh:
+    def of(cls, model: PerceptualModel) -> "SkinMesh":
         """Mesh of a model, cached by model; the model must not change."""
         if model not in _KNOWN:
             corners = sorted_by(model.triangles.ravel(), len(model))

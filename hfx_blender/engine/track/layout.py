@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Layout of a HapticTrack in the ZIP container: names, limits, and header and index as JSON."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -61,7 +59,7 @@ class StreamIndex:
     peak_level: float = 0.0
     channels: tuple[str, ...] = ()
 
-    def add(self, later: StreamIndex) -> None:
+    def add(self, later: "StreamIndex") -> None:
         """Merge the entry of later samples of the same stream, in place; an entry without samples
         changes nothing."""
         if not later.samples:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Exact distances from points to a set of triangles, and nearest places on triangles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
@@ -48,7 +46,7 @@ class TriangleTree:
         self.compiled = structure("hfx_tree")(boxes, order, corners, frames, len(order))
         self.order = order
 
-    def placed(self, linear: F64) -> TriangleTree:
+    def placed(self, linear: F64) -> "TriangleTree":
         """Tree of the triangles under a linear map (3, 3)."""
         return TriangleTree(self.corners @ linear.T, self.order)
 

@@ -5,8 +5,6 @@ Placements and boxes of all volumes are read at once; a volume far from skin nee
 Boxes here contain the boxes of the engine's broad phase, so that a skipped volume can never touch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 
@@ -71,7 +69,7 @@ class FarVolumes:
         self._scene = scene
 
     @cached_property
-    def _skins(self) -> list[SkinBoxes]:
+    def _skins(self) -> "list[SkinBoxes]":
         """Boxes of the skin of each body."""
         model_ids = {self._scene.effects[k].model_id for k in self.numbers}
         return [SkinBoxes(body, model_ids) for body in self._scene.bodies]
