@@ -79,7 +79,7 @@ def refresh() -> None:
     manager = bpy.context.window_manager
     new_rows = rows_of(bpy.context.scene)
     if [(row.effect, row.group) for row in manager.hfx_rows] != new_rows:
-        _deselect_strips_of_originals({row.effect for row in manager.hfx_rows})
+        _select_strips_of_copies({row.effect for row in manager.hfx_rows})
         manager.hfx_rows.clear()
         for effect_name, group in new_rows:
             row = manager.hfx_rows.add()
@@ -95,15 +95,17 @@ def refresh() -> None:
         preview.redraw()
 
 
-def _deselect_strips_of_originals(known: set[str]) -> None:
-    """Keep the NLA strips of new selected copies of effects as the only selected strips; ``known``:
-    names of the effects before. Blender's *Duplicate* copies the selection of strips."""
+def _select_strips_of_copies(known: set[str]) -> None:
+    """Select the NLA strips of new selected copies of effects, and no others; ``known``: names of
+    the effects before. Blender's *Duplicate* keeps and copies the selection of strips."""
     listed = swarms.listed_effects(bpy.context.scene)
     ids = {effect.hfx.uid for effect in listed if effect.name in known}
     added = [effect for effect in listed if effect.name not in known and effect.select_get()]
     copies = [effect for effect in added if effect.hfx.uid in ids]
     if copies and len(listed) > len(known - {""}):  # a renamed effect adds none
-        clips.deselect_all(copies)
+        clips.deselect_all()
+        for _, strip in (found for copy in copies for found in clips.strips_of(copy)):
+            strip.select = True
 
 
 def _effects_of_row(row: HfxEffectRow) -> list[bpy.types.Object]:

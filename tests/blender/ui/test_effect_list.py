@@ -55,17 +55,21 @@ def test_the_row_of_a_group_mutes_and_selects_all_of_it(scene: Any) -> None:
     manager.hfx_rows[0].is_open = False
 
 
-def test_a_duplicated_effect_has_the_only_selected_clips(scene: Any) -> None:
-    for name in "AB":
+@pytest.mark.parametrize("names", ["A", "AB", "ABC"])
+def test_duplicated_effects_have_the_only_selected_clips(scene: Any, names: str) -> None:
+    for name in "ABC":
         clips.add_clip(volume(name), 1.0, 10.0)
+    clips.deselect_all((bpy.data.objects["C"],))  # as each effect added in a window does
     rows()
-    ball = bpy.data.objects["A"]
     bpy.ops.object.select_all(action="DESELECT")
-    ball.select_set(True)
+    for name in names:
+        bpy.data.objects[name].select_set(True)
     bpy.ops.object.duplicate()
     rows()
     effect_clips = {effect.name: clips.strips_of(effect) for effect in effects.effects_of(scene)}
-    assert {name for name, ((_, strip),) in effect_clips.items() if strip.select} == {"A.001"}
+    assert {name for name, ((_, strip),) in effect_clips.items() if strip.select} == {
+        f"{name}.001" for name in names
+    }
 
 
 def test_rain_is_one_group_and_each_sensation_another(scene: Any) -> None:
