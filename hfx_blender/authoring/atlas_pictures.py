@@ -31,8 +31,9 @@ _POLL_S = 0.1
 # Levels 0..255 (V,) last equal on both sides, by session uid; None: the weights are to be shown.
 _synced: dict[int, F64 | None] = {}
 _times_s = {"changed": 0.0, "read": 0.0}  # last change of an effect or canvas, last comparison
-# Since the last comparison, in any picture: a running stroke, and the last press of the mouse.
-_had_stroke, _press = False, ""  # "", "inside" or "outside" of the picture's edges
+# Since the last comparison, in any picture: a running stroke, and the presses of the mouse.
+_had_stroke = False
+_presses: list[str] = []  # each "inside" or "outside" of the picture's edges
 _is_missed = False  # the last stroke lay outside of the charts
 
 
@@ -113,13 +114,14 @@ def show_undone(*_: object) -> None:
 def _poll() -> float | None:
     """Timer: synchronize changed pictures and, after a pause, changed weights; take strokes outside
     of the charts back. None without any picture."""
-    global _had_stroke, _press, _is_missed
+    global _had_stroke, _is_missed
     import numpy as np
 
     _note_stroke()
     if is_painting():
         return _POLL_S
-    had_stroke, _had_stroke, press, _press = _had_stroke, False, _press, ""
+    had_stroke, _had_stroke, presses = _had_stroke, False, tuple(_presses)
+    _presses.clear()
     now_s, window = time.monotonic(), bpy.context.window_manager.windows[0]
     # Reading weights of a canvas takes 20 ms: not during a stroke.
     are_weights_due = _times_s["read"] < _times_s["changed"] < now_s - _POLL_S
@@ -129,14 +131,15 @@ def _poll() -> float | None:
             with suppress(InputError), bpy.context.temp_override(window=window):
                 before = _synced.get(image.session_uid)
                 if sync(image):
-                    if had_stroke or press:
-                        _undo_in_picture(image, before)
+                    if had_stroke or presses:
+                        _undo_in_picture(image, before, len(presses))
                     bpy.ops.ed.undo_push(message="Paint in 2D")
                     return _POLL_S  # undo has replaced the images of this loop
-        is_empty = had_stroke and press == "outside"
-        if shown is not None and (is_empty or (press and _count_outside(image))):
+        is_empty = had_stroke and presses[-1:] == ("outside",)
+        if shown is not None and (is_empty or (presses and _count_outside(image))):
             with bpy.context.temp_override(window=window):
-                _undo_in_picture(image, _synced.get(image.session_uid), is_empty)
+                before = _synced.get(image.session_uid)
+                _undo_in_picture(image, before, len(presses), is_empty)
             _is_missed = True
             redraw("IMAGE_EDITOR")
             return _POLL_S
@@ -149,9 +152,10 @@ def note_press(place: tuple[float, float] | None) -> None:
     """Note a press of the mouse at a place of a picture, (0, 0) to (1, 1) inside; None elsewhere. A
     stroke may begin, and strokes between two comparisons are not seen. The message about a stroke
     outside of the charts ends."""
-    global _press, _is_missed
+    global _is_missed
     if place is not None:
-        _press = "inside" if all(0.0 <= share <= 1.0 for share in place) else "outside"
+        is_inside = all(0.0 <= share <= 1.0 for share in place)
+        _presses.append("inside" if is_inside else "outside")
         call_soon(_note_stroke)  # a click can end before the next comparison
     if _is_missed:
         _is_missed = False
@@ -168,27 +172,33 @@ def is_missed() -> bool:
     return _is_missed
 
 
-def _undo_in_picture(image: bpy.types.Image, before: F64 | None, is_empty: bool = False) -> None:
+def _undo_in_picture(
+    image: bpy.types.Image, before: F64 | None, presses: int, is_empty: bool = False
+) -> None:
     """Remove the undo steps of the last strokes in a picture, back to levels ``before`` (V,), but
     keep the weights of the strokes. A single step of the scene, added next, then takes the strokes
-    back on both sides; strokes outside of the charts need none. With ``is_empty`` the last stroke,
-    with an undo step, lay outside of the picture."""
+    back on both sides; strokes outside of the charts need none. Each of ``presses`` of the mouse
+    has at most one step. With ``is_empty`` the last stroke, with an undo step, lay outside of the
+    picture."""
     import numpy as np
 
     uid, weights = image.session_uid, painting.weights_of(image[EFFECT])
     frame = bpy.context.scene.frame_current
-    if is_empty:
+    for _ in range(max(presses, 1)):
+        shown, outside = _shown(image), _count_outside(image)
+        if not (is_empty or outside) and np.array_equal(shown, before):
+            break
         bpy.ops.ed.undo()
-        image = next(image for image in pictures() if image.session_uid == uid)
-    state = _shown(image), _count_outside(image)
-    while state[1] or not np.array_equal(state[0], before):
-        bpy.ops.ed.undo()
-        image = next(image for image in pictures() if image.session_uid == uid)
-        later, state = state, (_shown(image), _count_outside(image))
-        if state[1] == later[1] and np.array_equal(state[0], later[0]):
+        image = next((image for image in pictures() if image.session_uid == uid), None)
+        is_same = image is not None and _count_outside(image) == outside
+        if image is None or (is_same and not is_empty and np.array_equal(_shown(image), shown)):
             bpy.ops.ed.redo()  # the step of something else
             image = next(image for image in pictures() if image.session_uid == uid)
             break
+        # An undo to a step of the scene can leave an image without its texels, and not dirty.
+        if not image.is_dirty:
+            break
+        is_empty = False
     painting.set_weights(image[EFFECT], weights)
     _write(image, weights)
     bpy.context.scene.frame_current = frame  # played frames have no undo steps

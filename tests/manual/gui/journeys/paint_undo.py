@@ -23,6 +23,21 @@ def steps(h: Any) -> Iterator[float]:
     cells, (width, height) = hands.module("engine.body.atlas").texels("hfx-pressure-1")
     model, parts = hands.model_of(bpy.context.object["hfx_painted_effect"])
     states = [weights() > 0.5]
+    missed = (free_place(cells, width, height), "beside"), ((0.4, -0.04), "below")
+    for place, name in missed:
+        for click in range(1, 6):
+            region = h.region("WINDOW", "IMAGE_EDITOR")
+            x, y = region.view2d.view_to_region(*place, clip=False)
+            yield from h.click(region.x + x + 4 * click, h.window.height - (region.y + y))
+            yield 1.2
+            editors = [area.type for area in h.window.screen.areas]
+            free = np.array(image_of().pixels[:])[3::4].reshape(height, width)
+            free[cells[:, 1], cells[:, 0]] = 0.0
+            h.check(
+                "IMAGE_EDITOR" in editors and bpy.context.mode == "PAINT_WEIGHT" and not free.any(),
+                f"click {click} {name} the charts takes only itself back: {editors}",
+            )
+    h.shot("0_missed.png")
 
     def is_linked() -> bool:
         return np.array_equal(texels(image_of(), cells) > 0.5, weights() > 0.5)
@@ -54,7 +69,7 @@ def steps(h: Any) -> Iterator[float]:
                 is_linked() and np.array_equal(weights() > 0.5, states[count]),
                 f"{way}: {count} strokes on both sides, {found} vertices",
             )
-    for place, name in ((free_place(cells, width, height), "beside"), ((0.4, -0.04), "below")):
+    for place, name in missed:
         region = h.region("WINDOW", "IMAGE_EDITOR")
         x, y = region.view2d.view_to_region(*place, clip=False)
         x, y = region.x + x, h.window.height - (region.y + y)
