@@ -25,6 +25,8 @@ _DOUBLED_FACES: Final = 0.1
 _INSIDE_OUT: Final = 0.1
 # Smallest fraction of the surface facing inwards for which single faces are flipped
 _TURNED: Final = 0.02
+# Largest distance of a vertex from the middle, by the median distance; welding is by the whole size
+_STRAY: Final = 1000.0
 _UNSKINNED: Final = 0.2  # largest fraction of vertices without a weight
 
 
@@ -41,9 +43,9 @@ class TargetAvatar:
 
 
 def check(target: TargetAvatar, name: str) -> str | None:
-    """Fault of a mesh without a continuous surface (many pieces, non-manifold edges), or None.
-    Raises InputError: the mesh has no faces, no size, non-finite coordinates, or mostly unweighted
-    vertices."""
+    """Fault of a mesh without a continuous surface (stray vertices, many pieces, non-manifold
+    edges), or None. Raises InputError: the mesh has no faces, no size, non-finite coordinates, or
+    mostly unweighted vertices."""
     if not len(target.triangles):
         raise InputError(f"Avatar '{name}' has no faces that a body could be fitted to.")
     if not np.isfinite(target.vertices).all():
@@ -61,6 +63,10 @@ def check(target: TargetAvatar, name: str) -> str | None:
             f"Avatar '{name}': {unweighted} of its {len(used)} vertices follow no bone of the "
             "armature; parent it to the armature with weights first."
         )
+    away = np.abs(target.vertices - np.median(target.vertices, axis=0)).max(axis=1)
+    if away.max() > _STRAY * np.median(away):
+        vertex, far = int(away.argmax()), away.max() * target.metres
+        return f"vertex {vertex} of '{name}' lies {far:.3g} m away from the middle of the mesh"
     welded = weld(target.vertices)[target.triangles]
     pieces = connected_pieces(welded)
     shares = np.bincount(pieces, areas) / areas.sum()

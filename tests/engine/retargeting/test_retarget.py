@@ -402,6 +402,9 @@ def test_unusable_meshes_are_refused_or_reported() -> None:
     broken = target.vertices.copy()
     broken[7, 1] = np.nan
     assert "vertex 7" in _message(replace(target, vertices=broken))
+    broken[7] = (0.0, 0.0, 1e7)
+    stray = replace(target, vertices=broken, metres=0.01)
+    assert "vertex 7 of 'Anna' lies 1e+05 m away" in str(retarget_target.check(stray, "Anna"))
     none = SkinWeights(
         np.zeros(len(target.vertices) + 1, np.int32), np.zeros(0, np.int32), np.zeros(0, np.float32)
     )
