@@ -776,6 +776,10 @@ class _Layout:
     def separator(self) -> None:
         pass
 
+    def split(self, factor: float) -> _Layout:
+        assert 0.0 < factor < 1.0
+        return self
+
 
 def test_the_popup_counts_the_clips_of_an_effect(touch: Any, tmp_path: Path) -> None:
     from hfx_blender.operators import export_operator
@@ -798,6 +802,7 @@ def test_the_popup_lists_warnings_first(touch: Any, tmp_path: Path) -> None:
     export_operator.draw_written(type("Menu", (), {"layout": layout})(), bpy.context)
     lines = [line for line in layout.drawn if not line.startswith("BLANK1")]
     assert [line[:30] for line in lines] == [
+        "EXPORT Haptic Export",
         "ERROR Clip 'Beat' of 'Touch' (",
         "hfx.extend_scene",
         "X Touch: not felt, as it has n",
