@@ -32,6 +32,10 @@ EVERYDAY = (
     "devices.host.host",
 )
 
+NEWER = ("ActionSlot", "ActionLayer", "ActionStrip", "ActionKeyframeStrip", "ActionChannelbag")
+NEWER_STRIPS = ("Strip", "SoundStrip", "MovieStrip", "ImageStrip", "MetaStrip", "SceneStrip")
+"""Types of ``bpy.types`` that came with Blender 4.4, for actions and for the sequencer."""
+
 BLOCKER = """
 import importlib, sys
 
@@ -146,6 +150,16 @@ def test_imported_names_are_there() -> None:
             assert there and (
                 not actual.name or actual.name in source(modules()[actual.module]).names
             ), (name, actual)
+
+
+def test_evaluated_annotations_name_types_of_the_oldest_blender() -> None:
+    """Blender 4.2 imports no module with an annotation of a type that it lacks, unless the
+    annotation is quoted or postponed."""
+    newer = re.compile(rf"(?<!\")bpy\.types\.({'|'.join((*NEWER, *NEWER_STRIPS))})\b")
+    postponed = "from __future__ import annotations"
+    texts = {name: path.read_text(encoding="utf-8") for name, path in modules().items()}
+    assert any(newer.search(text) for text in texts.values()), "nothing is looked at"
+    assert [n for n, text in texts.items() if postponed not in text and newer.search(text)] == []
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:

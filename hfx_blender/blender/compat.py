@@ -36,14 +36,14 @@ def fcurve_of(owner: bpy.types.ID, data_path: str) -> bpy.types.FCurve | None:
 
 
 def action_fcurves(
-    action: bpy.types.Action, slot: bpy.types.ActionSlot | None
+    action: bpy.types.Action, slot: "bpy.types.ActionSlot | None"
 ) -> list[bpy.types.FCurve]:
     """F-curves of an action for a slot (ignored before 4.4, which has no slots)."""
     return list(_curves_of(action, slot) or ())
 
 
 def _curves_of(
-    action: bpy.types.Action, slot: bpy.types.ActionSlot | None
+    action: bpy.types.Action, slot: "bpy.types.ActionSlot | None"
 ) -> bpy.types.bpy_prop_collection | None:
     if not hasattr(action, "slots"):
         return action.fcurves
