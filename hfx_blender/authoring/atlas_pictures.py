@@ -163,6 +163,7 @@ def note_press(place: tuple[float, float] | None) -> None:
 
 
 def _note_stroke() -> None:
+    """Note that a stroke is running, if so."""
     global _had_stroke
     _had_stroke |= is_painting("PAINT_OT_image_paint")
 

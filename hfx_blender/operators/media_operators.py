@@ -222,7 +222,7 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
         return f"'{effect.name}' follows '{name}'"
 
     def _settings(self) -> SoundSettings:
-        """Settings of the dialog; InputError for a descending range of frequencies."""
+        """Settings of the dialog. Raises InputError for a descending range of frequencies."""
         from ..formats.signals.signals import FrequencyRange
         from ..formats.sound.sound_analysis import SoundSettings
 

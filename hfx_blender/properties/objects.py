@@ -102,12 +102,12 @@ def _overridable(kind: Callable[..., object], label: str, tip: str, **options: o
 
 
 def _constant(kind: Callable[..., object], label: str, tip: str, **options: object) -> object:
-    """Property without keyframes and drivers that library overrides can change."""
+    """Property open to library overrides, but not to keyframes and drivers."""
     return _overridable(kind, label, tip, options=set(), **options)
 
 
 def _steady(kind: Callable[..., object], label: str, tip: str, **options: object) -> object:
-    """Property without keyframes and drivers, as samples of all times have the present value."""
+    """Property without keyframes and drivers: samples of all times use the same value."""
     return kind(name=label, description=tip, options=set(), **options)
 
 

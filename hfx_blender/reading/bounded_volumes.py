@@ -29,7 +29,7 @@ from .stepped.stepped_volumes import FarVolumes
 from .stepped.stepping import Stepper
 
 _FEWEST: Final = 32
-"""Smallest number of bounded volumes for which boxes of skin cost less than reading each volume."""
+"""Number of bounded volumes from which boxes of skin cost less than reading every volume."""
 
 _COMPARED: Final = 16
 """Least number of keyed volumes read in full, for the comparison with Blender's evaluation."""
@@ -70,11 +70,8 @@ class BoundedVolumes:
         reaches = np.linalg.norm(shown.boxes[rows, 1] * np.abs(scales).max(axis=1), axis=1)
         around = places + shifts + reaches[:, None, None] * [[-1.0], [1.0]]
         # A volume outside of its box is moved by more than its keys. No scale may pass through 0.
-        matrices, boxes, now = (
-            shown.matrices.copy(),
-            shown.boxes.copy(),
-            shown.matrices[rows, :3, 3],
-        )
+        matrices, boxes = shown.matrices.copy(), shown.boxes.copy()
+        now = shown.matrices[rows, :3, 3]
         is_known = (around[:, 0] <= now) & (now <= around[:, 1]) & (scales.prod(axis=1) > 0.0)
         is_known &= (np.abs(around) * found.unit_m <= FARTHEST).all(axis=1)
         is_placed[rows] &= is_known.all(axis=1)
@@ -90,8 +87,9 @@ class BoundedVolumes:
         self._read: dict[int, EffectBlock] = {}
 
     def are_near(self, poses: Sequence[PoseBlock]) -> Bool:
-        """Mask (n,) over ``numbers`` of volumes with a box that meets a body's skin box over a
-        block; True for unknown skin, and for all of few. ``poses``: one per body of the scene."""
+        """Mask (n,) over ``numbers``: the box of the volume meets the box of a body's skin during
+        a block. All True for fewer than 32 volumes, and for skin of unknown place. ``poses``: one
+        block for each body of the scene."""
         if len(self.numbers) < _FEWEST:
             return np.ones(len(self.numbers), np.bool_)
         return self._volumes.are_near(self._places, poses)[self._places.there[0]]

@@ -73,8 +73,8 @@ def bake(obj: bpy.types.Object, width: int, height: int, uv_map: str = "") -> Ba
 
 @contextmanager
 def _kept_images() -> Iterator[None]:
-    """Context at whose end each Image Editor has its image again: Blender shows the target of a
-    bake there, also in editors with a pinned image."""
+    """Context that restores the images of all Image Editors at its end. Blender shows the target of
+    a bake in them, also where the image is pinned."""
     spaces = [area.spaces.active for screen in bpy.data.screens for area in screen.areas]
     shown = [(space, space.image) for space in spaces if space and space.type == "IMAGE_EDITOR"]
     try:

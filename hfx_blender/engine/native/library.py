@@ -208,7 +208,8 @@ class Structure(ctypes.Structure):
 
 
 def _address_of(kind: Any, value: Any, _kept: list[Any]) -> int:
-    """Address of a structure or an array of structures, 0 of None; TypeError for other kinds."""
+    """Memory address of a structure or an array of structures; 0 for None. Raises TypeError for
+    another kind of structure."""
     kind.from_param(value)
     return 0 if value is None else _address(value)
 

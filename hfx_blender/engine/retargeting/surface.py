@@ -72,10 +72,8 @@ class TargetSurface:
         """
         from scipy.spatial import cKDTree
 
-        best, smallest = (
-            np.full(len(points), -1),
-            np.full(len(points), np.nextafter(reach_m, np.inf)),
-        )
+        best = np.full(len(points), -1)
+        smallest = np.full(len(points), np.nextafter(reach_m, np.inf))
         is_of = np.ascontiguousarray((shares >= _SHARE).T)
         for region, members in enumerate(self._members):
             queries = np.flatnonzero(is_of[region])

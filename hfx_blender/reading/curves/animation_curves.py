@@ -68,8 +68,8 @@ def plain_keys(curve: bpy.types.FCurve) -> tuple[F32, I32] | None:
 
 
 def limits_of(curve: bpy.types.FCurve) -> tuple[float, float]:
-    """Lower and upper bound of a curve's values over all frames; (-inf, inf) without
-    :func:`plain_keys`."""
+    """Lower and upper bound of a curve's values over all frames; (-inf, inf) for a curve without
+    plain keys, see :func:`plain_keys`."""
     plain = plain_keys(curve)
     if plain is None:
         return -math.inf, math.inf

@@ -209,8 +209,8 @@ def _refuse_deformed(effect: bpy.types.Object) -> None:
 
 
 class EffectChunks:
-    """Cache of effects sampled in chunks of :data:`_CHUNK` samples, of the effects by number that
-    ``effect_of`` returns."""
+    """Cache of effects sampled in chunks of :data:`_CHUNK` samples. ``effect_of`` returns an effect
+    by its number, ``frames_of`` animation frames of sample indices."""
 
     def __init__(
         self, effect_of: Callable[[int], CurveEffect], frames_of: Callable[[I64], F64]
@@ -220,7 +220,7 @@ class EffectChunks:
         self._chunks: dict[int, tuple[F64, dict[int, EffectBlock]]] = {}
 
     def read(self, which: int, indices: I64) -> EffectBlock:
-        """Block of effect ``which`` at ascending, not empty sample indices (n,)."""
+        """Block of the effect with number ``which`` at n >= 1 ascending sample indices (n,)."""
         # Chunks stand at fixed positions in time, so that neighbouring blocks share them.
         numbers = indices // _CHUNK
         parts = []

@@ -109,8 +109,8 @@ def test_a_volume_that_may_move_or_answer_is_not_bounded(
 
 @pytest.fixture
 def keyed_crowd(crowd: Any) -> Any:
-    """The balls of ``crowd`` and 40 copies of the first, keyed at two frames; returns a bounded
-    one."""
+    """Key the balls of ``crowd`` and 40 copies of the first ball at two frames; return a ball that
+    is bounded by its keys."""
     for _ in range(40):
         ball = crowd.copy()
         ball.hfx.uid = ""
@@ -201,8 +201,8 @@ def test_some_keyed_volumes_are_compared_with_blender(keyed_crowd: Any) -> None:
 
 
 def test_no_corner_leaves_the_box_of_the_keys(scene: Any) -> None:
-    """Independent of the reader's own evaluation: Blender's matrices at many fractions of
-    frames, of cuboids with random keys and handles."""
+    """Boxes of cuboids with random keys and handles hold all corners that Blender's own matrices
+    give at many fractions of frames."""
     rng = np.random.default_rng(7)
     oracle.add_avatar()
     for k in range(64):

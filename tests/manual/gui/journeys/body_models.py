@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Body Models: an installed set is chosen, an area moves to the set, and one Undo takes all back.
+"""Choose an installed set of body models: an area moves to it, and one Undo takes all back.
 
 Needs a folder of sets (see ``hfx body build --install``): ``--arg=FOLDER``. Without a folder
 nothing is checked.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A texture is painted in the Image Editor: the surface's maps and the export follow the strokes.
+"""Paint a texture in the Image Editor: the surface's maps and the export follow the strokes.
 
 A warm sphere touches the painted board at the same time: both are felt.
 """
@@ -91,7 +91,7 @@ def paint(h: Any, region: bpy.types.Region) -> Iterator[float]:
 
 
 def undo_and_redo(h: Any, count: int) -> Iterator[float]:
-    """Undo and redo so many steps. A bake by the button in between would end the redo."""
+    """Undo and redo ``count`` steps. A bake by the button in between would end the redo."""
     for _ in range(count):
         yield from h.key("ctrl+z")
     yield from h.until(lambda: not is_painted(), "Ctrl+Z takes the strokes back", 30)
@@ -167,7 +167,7 @@ def brush_size(settings: Any, size: int) -> None:
 
 
 def surface() -> Any:
-    """Settings of the board's surface; call again after each undo."""
+    """Surface settings of the object *Board*. Undo replaces them, so call again afterwards."""
     return bpy.data.objects["Board"].hfx.surface
 
 
