@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ...engine.arrays import F64
+from ...engine.arrays import F64, Bool
 from ..signals.signals import FrequencyRange, Signal, bursts, joined_times
 from .he_rules import (
     MAX_CURVE_POINTS,
@@ -77,7 +77,8 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         # Times become whole milliseconds: near-duplicates within a millisecond go first. Times
         # that still coincide are raised: with k subtracted from time k, "strictly ascending"
         # becomes "never falling", which a running maximum ensures.
-        indices = _distinct_indices(knots, levels, shares)
+        is_level_key = np.isin(knots, times)
+        indices = _distinct_indices(knots, levels, shares, is_level_key)
         steps = np.arange(len(indices))
         grid = np.rint(1000.0 * knots[indices]).astype(np.int64)
         grid = np.maximum.accumulate(grid - steps) + steps
@@ -135,19 +136,21 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
     return patterns
 
 
-def _distinct_indices(knots: F64, levels: F64, shares: F64) -> list[int]:
+def _distinct_indices(knots: F64, levels: F64, shares: F64, is_level_key: Bool) -> list[int]:
     """Ascending indices of keyframes (times ``knots`` in s) without near-duplicates in a
-    millisecond: levels (0..1) within 0.005 and ``shares`` (percent of the range) within 1. The
-    earlier one of two near-duplicates remains, and always the first and the last keyframe."""
+    millisecond: ``shares`` (percent of the range) within 1, and levels (0..1) within 0.005 or one
+    keyframe of the frequency alone, whose level lies on a line. The earlier of two near-duplicates
+    remains, but ``is_level_key`` before others, and always the first and the last keyframe."""
     indices = [0]
     last = len(knots) - 1
     for k in range(1, last + 1):
         before = indices[-1]
-        is_alike = (
-            abs(levels[k] - levels[before]) <= _SAME_LEVEL
-            and abs(shares[k] - shares[before]) <= _SAME_SHARE
-        )
-        if round(1000.0 * knots[k]) > round(1000.0 * knots[before]) or not is_alike:
+        is_same_ms = round(1000.0 * knots[k]) == round(1000.0 * knots[before])
+        if not is_same_ms or abs(shares[k] - shares[before]) > _SAME_SHARE:
+            indices.append(k)
+        elif is_level_key[k] and not is_level_key[before]:
+            indices[-1] = k
+        elif is_level_key[k] and abs(levels[k] - levels[before]) > _SAME_LEVEL:
             indices.append(k)
         elif k == last and len(indices) > 1:
             indices[-1] = k
