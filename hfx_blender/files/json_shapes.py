@@ -9,8 +9,6 @@ Schema from the same shape. Each :class:`Finding` has a stable code::
     spot = read(path).read(SPOT)  # {"radius_m": 0.03}, or the result of SPOT's ``into``
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -101,7 +99,7 @@ class Items:
     """List of items of equal shape, with limits on the count and an order. Lists as items are
     ordered by their first items."""
 
-    item: Shape
+    item: "Shape"
     least: int = 0
     most: int | None = None  # None: no limit
     order: Literal["any", "unique", "ascending", "never falling"] = "any"
@@ -120,15 +118,15 @@ class Items:
 class Row:
     """List of a fixed number of items with separate shapes."""
 
-    items: tuple[Shape, ...]
+    items: "tuple[Shape, ...]"
 
 
 @dataclass(frozen=True)
 class Record:
     """Object with required and optional members."""
 
-    required: Mapping[str, Shape] = field(default_factory=dict)
-    optional: Mapping[str, Shape] = field(default_factory=dict)
+    required: "Mapping[str, Shape]" = field(default_factory=dict)
+    optional: "Mapping[str, Shape]" = field(default_factory=dict)
     unknown: Literal["error", "warning", "ignore"] = "warning"
     one_of: tuple[str, ...] = ()  # optional members, exactly one of which must be present
     needs: Mapping[str, str] = field(default_factory=dict)  # member: required companion
@@ -140,7 +138,7 @@ class Record:
 class Table:
     """Object with free keys and values of equal shape."""
 
-    item: Shape
+    item: "Shape"
     least: int = 0
     key: Text = Text()
     title: str = "an object"  # for messages
@@ -151,7 +149,7 @@ class Tagged:
     """Object of several possible kinds, chosen by the text at ``tag``, such as ``encoder.kind``."""
 
     tag: str
-    kinds: Mapping[str, Shape]
+    kinds: "Mapping[str, Shape]"
 
 
 @dataclass(frozen=True)
@@ -408,7 +406,7 @@ class Node:
     file: str
     place: Place = None
 
-    def hold(self, shape: Shape) -> Node:
+    def hold(self, shape: Shape) -> "Node":
         """Validate the value and return the node; raise InputError for the first error."""
         report = Report("")
         check(shape, self.value, report, self.place)
@@ -435,14 +433,14 @@ class Node:
     def __contains__(self, key: str) -> bool:
         return key in self.value
 
-    def __getitem__(self, key: str | int) -> Node:
+    def __getitem__(self, key: str | int) -> "Node":
         return Node(self.value[key], self.file, (self.place, key))
 
-    def items(self) -> Iterable[Node]:
+    def items(self) -> "Iterable[Node]":
         """Yield the items of a list as nodes."""
         return (self[k] for k in range(len(self.value)))
 
-    def members(self) -> dict[str, Node]:
+    def members(self) -> "dict[str, Node]":
         """Nodes of an object's members by name."""
         return {key: self[key] for key in self.value}
 

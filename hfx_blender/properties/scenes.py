@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Scene properties stored in a .blend: ``Scene.hfx``, with devices, playback and export."""
 
-from __future__ import annotations
-
 import bpy
 from bpy.props import (
     BoolProperty,
@@ -67,29 +65,25 @@ PALETTES = (
 
 
 def _update_live_source(
-    self: HfxSceneProperties | HfxDeviceName, context: bpy.types.Context
+    self: "HfxSceneProperties | HfxDeviceName", context: bpy.types.Context
 ) -> None:
     self.id_data.update_tag()  # the preview shows actuators
     if self.id_data == context.scene:
         events.announce("live source")
 
 
-def _update_live_track(self: HfxSceneProperties, context: bpy.types.Context) -> None:
+def _update_live_track(self: "HfxSceneProperties", context: bpy.types.Context) -> None:
     events.announce("live track", self.id_data)
     _update_live_source(self, context)
 
 
-def _tag_scene(self: HfxSceneProperties, _context: bpy.types.Context) -> None:
+def _tag_scene(self: "HfxSceneProperties", _context: bpy.types.Context) -> None:
     self.id_data.update_tag()  # the update reaches preview and live devices
 
 
-def _update_mutes(self: HfxDeviceName, context: bpy.types.Context) -> None:
+def _update_mutes(self: "HfxDeviceName", context: bpy.types.Context) -> None:
     if self.id_data == context.scene:
         events.announce("live mutes", context.scene)
-
-
-def _is_body(_self: HfxDeviceName, obj: bpy.types.Object) -> bool:
-    return obj.hfx.role == "BODY"
 
 
 class HfxDeviceName(bpy.types.PropertyGroup):
@@ -115,7 +109,7 @@ class HfxDeviceName(bpy.types.PropertyGroup):
         name="Worn By",
         description="Haptic body with this device during live playback. None: the first body",
         type=bpy.types.Object,
-        poll=_is_body,
+        poll=lambda _self, obj: obj.hfx.role == "BODY",
         update=_update_live_source,
     )
     is_exported: BoolProperty(

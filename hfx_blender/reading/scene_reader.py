@@ -37,11 +37,11 @@ from .stepped.reached import is_instancer
 from .stepped.simulation import Simulation, has_simulation_anywhere, to_bake
 from .stepped.stepped_reading import SceneRow, SteppedReading
 
-BLOCK_SIZE = 64
-"""Samples in a block. Blocks start at multiples, so that results are independent of the range."""
+BLOCK_SIZE = 128
+"""Largest block, in samples. Blocks start at multiples of their size, so that results are
+independent of the range."""
 
-_STEPPED_SIZE = 32
-"""Largest block of a stepped scene: evaluation starts sooner, and a cancel takes effect sooner."""
+_FEW_EFFECTS = 8  # largest number of effects in the largest blocks, which need more memory
 
 
 class SceneReader:
@@ -241,8 +241,7 @@ class SceneReader:
             own = None
             if self.instances.descriptions:
                 own = stack.enter_context(self.instances.stepper())
-            size = min(BLOCK_SIZE, _STEPPED_SIZE) if plan.reason else BLOCK_SIZE
-            for indices in contiguous_blocks(sample_indices, size):
+            for indices in contiguous_blocks(sample_indices, self._block_size(reading)):
                 # Neighbouring samples are read with the block, so that results do not depend on the
                 # split of time.
                 first, last = int(indices[0]), int(indices[-1])
@@ -253,6 +252,15 @@ class SceneReader:
                     block = self.instances.extended(block, own)
                     self._shapes.counters.times_stepped += len(indices)
                 yield block
+
+    def _block_size(self, reading: ReadingPass) -> int:
+        """Samples in a block of a pass. Larger blocks have fewer fixed costs. But stepped effects
+        near skin are read twice for a block, evaluation of a stepped scene begins after the first
+        block, many effects need memory, and with impacts the report counts neighbours of blocks."""
+        if reading.stepped_effects:
+            return BLOCK_SIZE // 4
+        is_small = len(self.description.effects) > _FEW_EFFECTS or self._has_impacts
+        return BLOCK_SIZE // 2 if is_small or self.plan.reason else BLOCK_SIZE
 
     def _without_hidden(self, block: AnimationBlock) -> AnimationBlock:
         """Copy of a block with level 0 for effects on a body at times without a valid pose, if the

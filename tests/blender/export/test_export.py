@@ -95,7 +95,7 @@ def test_a_tolerance_that_is_none_is_told(small: Any, tmp_path: Path) -> None:
 
 
 def test_progress_rises_to_the_end(small: Any, tmp_path: Path) -> None:
-    small.frame_end = 200
+    small.frame_end = 600
     shares: list[float] = []
     export_scene(small, tmp_path, "x", ExportSettings(), shares.append)
     assert len(shares) > 10 and shares == sorted(shares)

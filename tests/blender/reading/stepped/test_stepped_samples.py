@@ -93,16 +93,29 @@ def _firsts(scene: Any, **settings: Any) -> list[tuple[int, int]]:
 
 def test_each_block_knows_the_sample_before_within_its_stretch(scene: Any) -> None:
     scene.render.fps = 24
-    scene.frame_start, scene.frame_end = 1, 150
+    scene.frame_start, scene.frame_end = 1, 300
     oracle.add_avatar()
     ball = oracle.add_volume("Ball", "pressure", "SPHERE", (0.0, 0.0, 1.2), radius=0.3)
-    assert _firsts(scene) == [(0, 0), (63, 1), (127, 1)]
-    assert _firsts(scene, frames=(41, 150)) == [(-1, 1), (63, 1)]
-    oracle.add_clip(ball, 21, 101)
-    assert _firsts(scene) == [(20, 0), (63, 1)]
+    assert _firsts(scene) == [(0, 0), (127, 1), (255, 1)]
+    assert _firsts(scene, frames=(41, 300)) == [(-1, 1), (127, 1), (255, 1)]
+    oracle.add_clip(ball, 21, 201)
+    assert _firsts(scene) == [(20, 0), (127, 1)]
+    # Bodies of a stepped scene have blocks of half the size, stepped volumes of a quarter.
+    ball.constraints.new("LIMIT_LOCATION")
+    assert _firsts(scene) == [(20, 0), (31, 1), (63, 1), (95, 1), (127, 1), (159, 1), (191, 1)]
+
+
+def test_many_effects_have_smaller_blocks(scene: Any) -> None:
+    scene.frame_start, scene.frame_end = 1, 150
+    body = oracle.add_avatar()
+    for k in range(8):
+        oracle.add_painted(f"Felt {k}", "pressure", body)
+    assert _firsts(scene) == [(0, 0), (128, 0)]
+    oracle.add_painted("Felt", "pressure", body)
+    assert _firsts(scene) == [(0, 0), (64, 0), (128, 0)]
 
 
 def test_painted_effects_need_no_sample_before(scene: Any) -> None:
-    scene.frame_start, scene.frame_end = 1, 150
+    scene.frame_start, scene.frame_end = 1, 300
     oracle.add_painted("Felt", "pressure", oracle.add_avatar())
-    assert _firsts(scene) == [(0, 0), (64, 0), (128, 0)]
+    assert _firsts(scene) == [(0, 0), (128, 0), (256, 0)]

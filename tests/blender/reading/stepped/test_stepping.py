@@ -83,7 +83,7 @@ def test_curves_give_the_same_as_the_own_scene(
 ) -> None:
     from hfx_tools.demo import garage
 
-    monkeypatch.setattr(scene_reader, "BLOCK_SIZE", 32)  # as of a stepped scene
+    monkeypatch.setattr(SceneReader, "_block_size", lambda *_: 32)
     scene = garage.build()
     sampled = SceneReader(scene, rate_hz=oracle.Fraction(21))
     blocks = list(sampled.blocks())
