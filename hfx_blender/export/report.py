@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.areas.felt_times import FeltTimes
-from ..engine.contact.contacts import FLATTENED
+from ..engine.contact.contact_query import FLATTENED
 from ..engine.counters import Unfelt, as_reported, powerless_reason
 from ..engine.rendering.raster import Raster, unrendered
 from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader

@@ -58,16 +58,16 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Print the facts of a file, as text or JSON; returns 0. InputError for an unknown suffix."""
-
-    from ..formats.facts import facts_of
-
     readers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
     refuse_no_file(path)
     # .json, .npz and .glb stand for several kinds each: the full name or the content decides.
     if own := kind_of(path):
         readers[path.suffix] = own.facts
-    elif is_known(path):
+    elif path.suffix != ".hfxtrack" and is_known(path):
+        # Imported for these files alone: the readers of all formats take a tenth of a second.
+        from ..formats.facts import facts_of
+
         readers[path.suffix] = facts_of
     if path.suffix not in readers:
         raise InputError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from .reachable_bounds import ReachableBounds
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+
+FLATTENED: Final = "is flattened, infinite or not a number"
+"""End of the warning about a volume that cannot be evaluated, after its name."""
 
 
 @dataclass(frozen=True, eq=False)

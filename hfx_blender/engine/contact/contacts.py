@@ -20,10 +20,7 @@ from ..reference.contact import Body, Contact, Volume, contact
 from ..reference.pose import moved, world_points
 from ..volume.shape import inverse_placement, world_bounds
 from . import compiled_contacts
-from .contact_query import ContactQuery, Contacts, DetailArrays
-
-FLATTENED: Final = "is flattened, infinite or not a number"
-"""End of the warning about a volume that cannot be evaluated, after its name."""
+from .contact_query import FLATTENED, ContactQuery, Contacts, DetailArrays
 
 _BULGE: Final = 0.1
 """Bound of the distance of skin from its triangle, as a share of the diagonal of the triangle's
