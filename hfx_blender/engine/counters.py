@@ -124,6 +124,8 @@ class ReadingCounters:
     far: dict[str, dict[str, int]] = field(default_factory=dict)
     on: dict[str, bool] = field(default_factory=dict)  # ids of far volumes on at any sample
     skipped: dict[str, str] = field(default_factory=dict)  # effect -> reason for not reading
+    # (volume, time) left unread, as no skin meets a box known before, by first sample of the block.
+    out_of_reach: dict[str, int] = field(default_factory=dict)
 
     def add(self, more: ReadingCounters) -> None:
         """Add the counts of another part of the scene, in place; ``instances`` is the larger of
@@ -136,18 +138,21 @@ class ReadingCounters:
             self.far.setdefault(name, {}).update(blocks)
         self.on |= more.on
         self.skipped |= more.skipped
+        self.out_of_reach |= more.out_of_reach
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data, independent of later counts."""
         far = {name: {**blocks} for name, blocks in self.far.items()}
-        return {**vars(self), "far": far, "on": {**self.on}, "skipped": {**self.skipped}}
+        copies = {name: {**getattr(self, name)} for name in ("on", "skipped", "out_of_reach")}
+        return {**vars(self), "far": far, **copies}
 
 
 def as_reported(counters: Mapping[str, Any]) -> dict[str, Any]:
     """Counters independent of the division of a scene into parts: "far", with total samples by
-    volume name, sorted, and "skipped". ``counters`` are plain data."""
+    volume name, sorted, "skipped", and the total "out_of_reach". ``counters`` are plain data."""
     far = {name: sum(blocks.values()) for name, blocks in sorted(counters.get("far", {}).items())}
-    return {"far": far, "skipped": counters.get("skipped", {})}
+    unread = sum(counters.get("out_of_reach", {}).values())
+    return {"far": far, "skipped": counters.get("skipped", {}), "out_of_reach": unread}
 
 
 _READING_NUMBERS: Final = tuple(

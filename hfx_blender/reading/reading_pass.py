@@ -4,8 +4,6 @@
 Stepped effects and bodies are read at single times; of volumes far from skin only placements.
 """
 
-import itertools
-from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -131,8 +129,8 @@ class ReadingPass:
         # Stepped levels are known only now; bodies are also posed where these effects are on.
         is_posed |= self._times_on({k: effects[k] for k in in_full}, count)
         poses = self._poses(frames, is_posed, rows)
-        effects |= self._bounded_effects(indices, poses)
         own = rows[history : len(rows) - future]
+        effects |= self._bounded_effects(indices, poses, own)
         effects |= self._far_effects(rows, poses, volumes_on, own)
         return AnimationBlock(
             indices=indices,
@@ -234,17 +232,19 @@ class ReadingPass:
         far.in_full = {k for k in nearby if not reading.is_settled(k)}
         return far_blocks
 
-    def _bounded_effects(self, indices: I64, poses: list[PoseBlock]) -> dict[int, EffectBlock]:
+    def _bounded_effects(
+        self, indices: I64, poses: list[PoseBlock], own: list[SceneRow]
+    ) -> dict[int, EffectBlock]:
         """Blocks of bounded volumes by index at sample indices (T,): in full near skin, else
-        silent."""
+        silent, and counted for the rows ``own``."""
         bounded, effects, count = self.plan.bounded, self.scene.effects, len(indices)
         if bounded is None:
             return {}
-        near: Iterable[bool] = itertools.repeat(bool(self._are_bounded_near))
+        near = [bool(self._are_bounded_near)] * len(bounded.numbers)
         if self._are_bounded_near is None:
             near = bounded.are_near(poses).tolist()
         blocks = {}
-        for k, is_near in zip(bounded.numbers, near, strict=False):
+        for k, is_near in zip(bounded.numbers, near, strict=True):
             if not is_near:
                 blocks[k] = silence(count, self._modality(k))
             elif k in bounded.keyed:
@@ -252,6 +252,8 @@ class ReadingPass:
             else:
                 blocks[k] = bounded.still_block(k, count)
         self.counters.on |= dict.fromkeys((effects[k].id for k in bounded.numbers), True)
+        if not self._is_comparison:
+            self.counters.out_of_reach[str(own[0].index)] = near.count(False) * len(own)
         return blocks
 
     def _effect_of(self, which: int, rows: list[SceneRow]) -> EffectBlock:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.blender import compat
+from hfx_blender.engine.counters import ReadingCounters, as_reported
 from hfx_blender.engine.scene import AnimationBlock
 from hfx_blender.export.scene_export import ExportSettings, export_scene
 from hfx_blender.reading.curves.curve_reading import CurveEffect
@@ -305,3 +307,20 @@ def test_a_body_that_walks_to_still_volumes_feels_them(crowd: Any, tmp_path: Pat
     assert felt["Ball"]["felt"] and felt["Ball"]["from_s"] == pytest.approx(11 / 24)
     far = [line for name, line in felt.items() if name != "Ball"]
     assert {line["reason"] for line in far if not line["felt"]} == {"touches no body"}
+
+
+def test_the_report_counts_what_no_skin_reaches(crowd: Any, tmp_path: Path) -> None:
+    """39 of 40 volumes are out of reach at 12 frames, and none for a format with all volumes."""
+    crowd.location = NEAR
+    settings = ExportSettings(rate_hz=Fraction(24))
+    report = export_scene(bpy.context.scene, tmp_path, "s", settings)
+    assert report.as_dict()["reading"]["out_of_reach"] == 39 * 12
+    every = export_scene(bpy.context.scene, tmp_path, "s", replace(settings, formats=("glb",)))
+    assert every.as_dict()["reading"]["out_of_reach"] == 0
+
+
+def test_parts_of_a_scene_add_up_to_its_volumes_out_of_reach() -> None:
+    """Two parts share the block of sample 64; the second part begins with it."""
+    whole = ReadingCounters(out_of_reach={"0": 64, "64": 10})
+    whole.add(ReadingCounters(out_of_reach={"64": 10, "128": 5}))
+    assert as_reported(whole.as_dict())["out_of_reach"] == 79
