@@ -21,7 +21,7 @@ _MOST_FAULTS = 1024
 _FAULTS: "dict[tuple[type, str], list[BadValue]]" = {}  # by type of owner and text of its values
 _ENDLESS = 3e38
 """Bound of a float property without limits."""
-_HARD_LIMITS: dict[tuple[str, str], tuple[float, float]] = {}  # by type of group and property
+_HARD_LIMITS: dict[tuple[type, str], tuple[float, float]] = {}  # by type of group and property
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ def bad_values(owner: bpy.types.ID) -> list[BadValue]:
         return [BadValue("", _described(stored), "a group of properties", "nothing")]
     # Objects of a scene share most settings, and equal values have equal faults. Ids differ, and
     # each text is allowed; the text of an empty array hides the type of its elements.
-    values = stored.to_dict().items()
-    settings = repr([(k, v) for k, v in values if k != "uid" or not isinstance(v, str)])
+    values = stored.to_dict()
+    settings = repr(values | {"uid": ""} if isinstance(values.get("uid"), str) else values)
     if "[]" in settings or (type(owner), settings) not in _FAULTS:
         if len(_FAULTS) >= _MOST_FAULTS:
             _FAULTS.clear()
@@ -86,7 +86,7 @@ def limited_vector(group: bpy.types.PropertyGroup, name: str) -> tuple[float, ..
 
 def _hard_limits(group: bpy.types.PropertyGroup, name: str) -> tuple[float, float]:
     """Hard minimum and maximum of a numeric property, looked up once for each type of group."""
-    key = group.bl_rna.identifier, name
+    key = type(group), name
     if key not in _HARD_LIMITS:
         definition = group.bl_rna.properties[name]
         _HARD_LIMITS[key] = definition.hard_min, definition.hard_max

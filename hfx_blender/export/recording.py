@@ -131,13 +131,13 @@ def record_track(
     watch: Watch | None = None,
     part: tuple[int, int] | None = None,
     times: FeltTimes | None = None,
-) -> Generator[float, None, list[tuple[DeviceConfig, Renderer]]]:
+) -> Generator[float, None, tuple[TrackWriter | None, list[tuple[DeviceConfig, Renderer]]]]:
     """Evaluate a scene block by block, write its track, and render it for devices.
 
     Yields the finished share after each block; a caller that stops early leaves no file. Returns
-    the renderers of all devices on all bodies, with all samples added. Blocks are read in the
-    calling thread and, where threads can run, evaluated and written in a second one. Renderers get
-    the samples as stored in the track, so rendering the track later gives equal results.
+    the writer, and the renderers of all devices on all bodies, with all samples added. Blocks are
+    read in the calling thread and, where threads can run, evaluated and written in a second one.
+    Renderers get the samples as stored, so rendering the track later gives equal results.
 
     ``watch`` is called with each recorded block, and ``times`` collects the samples at which
     effects are on and felt. With ``part`` only samples (first, stop) are recorded, whole chunks of
@@ -158,6 +158,7 @@ def record_track(
     start = (first - lead_in(engine)) // BLOCK_SIZE * BLOCK_SIZE
     blocks = reader.blocks((start, stop))
     finished: list[tuple[DeviceConfig, Renderer]] = []
+    writer: TrackWriter | None = None
     effects = reader.description.effects
     touching = {effect.id for effect in effects if effect.is_contact}
 
@@ -183,6 +184,7 @@ def record_track(
         unread_blocks: Iterator[AnimationBlock],
     ) -> Generator[list[AnimationBlock], None, None]:
         """Evaluate and write blocks; yields the blocks of each written chunk, and empty lists."""
+        nonlocal writer
         with closing(engine.evaluated(unread_blocks)) as evaluated:
             description = reader.description
             models = {e.model_id: load_model(e.model_id) for e in description.effects}
@@ -226,7 +228,7 @@ def record_track(
                     watch(block)
                 done += len(block.own_indices)
             yield (read + done) / (2 * count)
-    return finished
+    return writer, finished
 
 
 def _chunks(blocks: Iterator[BlockSamples]) -> Iterator[list[BlockSamples]]:

@@ -75,15 +75,14 @@ def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[di
     ``times``, only samples of nonzero strength count for seconds, and for the first and last time
     (seconds; None without samples)."""
     # A stream holds the samples of one effect on one body.
-    names = {effect.id: effect for effect in track.header.effects}
     bodies = {body.id: body.name for body in track.header.bodies}
     period_s = 1.0 / float(track.header.time.rate_hz)
     return tuple(
         {
-            "effect": names[summary.stream.effect_id].name,
+            "effect": track.header.effect(summary.stream).name,
             "body": bodies[summary.stream.body_id],
             "modality": summary.stream.modality,
-            "kind": names[summary.stream.effect_id].kind,
+            "kind": track.header.effect(summary.stream).kind,
             "seconds": round(strong.sample_count * period_s, 6),
             "first_s": strong.first_s,
             "last_s": strong.last_s,
@@ -100,7 +99,7 @@ def _with_strength(
     summary: StreamSummary, header: TrackHeader, times: FeltTimes | None
 ) -> StreamSummary:
     """Copy of a summary with samples of nonzero strength only; unchanged without ``times``."""
-    if times is None:
+    if times is None or not summary.sample_count:
         return summary
     stream = summary.stream
     span = times.felt.get(stream.effect_id, {}).get(stream.body_id)

@@ -29,6 +29,7 @@ from ..engine.stepwise import Progress, finish
 from ..engine.tolerance import Tolerance
 from ..engine.track import SUFFIX, TrackReader
 from ..engine.track.excerpt import merge
+from ..engine.track.track_reader import Content
 from ..errors import InputError
 from ..files.atomic import atomic_file, inputs_kept
 from ..files.staging import place, staging
@@ -162,10 +163,10 @@ class SceneExport:
             track = stage / (stem + SUFFIX)
             # Devices are rendered while samples arrive, so that the track is not read again.
             recorders = self._recorders()
-            recorded, renderers = yield from self._record(
+            recorded, written, renderers = yield from self._record(
                 track, recorders, None, self._settings.devices
             )
-            with TrackReader(track) as whole:
+            with TrackReader(track, written) as whole:
                 rendered = yield from rendering(whole, renderers)
                 return self._finish(whole, recorders, recorded, rendered, folder, made_from or {})
 
@@ -178,7 +179,7 @@ class SceneExport:
     ) -> ScenePart:
         """Record only samples ``first <= index < stop``, whole chunks of the track."""
         recorders = self._recorders()
-        recorded, _ = finish(self._record(track, recorders, part, ()), progress)
+        recorded, *_ = finish(self._record(track, recorders, part, ()), progress)
         if recorders.is_any:
             with atomic_file(volumes) as file:
                 write_npz(file, recorders.arrays())
@@ -219,9 +220,11 @@ class SceneExport:
         recorders: SceneRecorders,
         part: tuple[int, int] | None,
         devices: Sequence[DeviceConfig],
-    ) -> Generator[float, None, tuple[Recorded, list[tuple[DeviceConfig, Renderer]]]]:
+    ) -> Generator[
+        float, None, tuple[Recorded, Content | None, list[tuple[DeviceConfig, Renderer]]]
+    ]:
         """Record samples ``part`` (None: all) into ``track``, in steps; returns the facts of the
-        recording, and the renderers of ``devices`` with these samples."""
+        recording, the content of the track, and the renderers of ``devices`` with these samples."""
         settings = self._settings
         engine = Engine(
             self.reader.description,
@@ -230,7 +233,7 @@ class SceneExport:
             threads=min(settings.threads, _THREADS),
         )
         times = FeltTimes()
-        renderers = yield from record_track(
+        writer, renderers = yield from record_track(
             self.reader,
             engine,
             track,
@@ -241,7 +244,7 @@ class SceneExport:
             part=part,
             times=times,
         )
-        return Recorded.of(self.reader, engine, times), renderers
+        return Recorded.of(self.reader, engine, times), writer and writer.written, renderers
 
     def _finish(
         self,

@@ -117,11 +117,8 @@ def _is_plain(
     """Test for a volume with a formula, always on, with finite values, and without any motion but
     that of F-curves without a parent."""
     hfx = effect.hfx
-    if (
-        hfx.kind != "VOLUME"
-        or hfx.shape == "MESH"
-        or state.source is not ActivationSource.ALWAYS_ON
-    ):
+    has_formula = hfx.kind == "VOLUME" and hfx.shape != "MESH"
+    if not has_formula or state.source is not ActivationSource.ALWAYS_ON:
         return False
     if effect.animation_data is None:
         is_held = _stays(effect, stays)

@@ -89,10 +89,7 @@ def plan_of(found: HapticObjects, scene: SceneDescription, shapes: ShapeCache) -
 
     bounded_volumes = BoundedVolumes(found, scene, curve_effect)
     plan = Plan(bounded=bounded_volumes if bounded_volumes.numbers else None)
-    bounded = {*plan.bounded_numbers}
-    for k in found.active:
-        if k in bounded:
-            continue
+    for k in sorted({*found.active}.difference(plan.bounded_numbers)):
         try:
             plan.effects[k] = curve_effect(k)
         except NotModelledError as error:

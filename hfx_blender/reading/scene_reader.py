@@ -104,12 +104,11 @@ class SceneReader:
             haptics, self.time, self._shapes, always_posed=self._always_posed, more=more
         )
         self._blinking = [visibility.is_keyed(body) for body in self.found.bodies]
-        described_warnings = self.description.warnings
         makers = filter(is_instancer, scene_objects(scene)) if more else ()
         unbaked = to_bake(scene, [*self.found.read, *makers])
         unfelt_warnings = self._find_unfelt(layer)
         warnings = (
-            *(*described_warnings, *unfelt_warnings, *self.instances.warnings),
+            *(*self.description.warnings, *unfelt_warnings, *self.instances.warnings),
             *(*unbaked, *linked_files.warnings_of_files()),
         )
         self.description = replace(self.description, warnings=shortened(warnings))

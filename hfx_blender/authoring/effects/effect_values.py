@@ -50,8 +50,8 @@ def falloff(hfx: bpy.types.PropertyGroup) -> Falloff:
 
 def contact_law(hfx: bpy.types.PropertyGroup) -> ContactLaw | None:
     """Contact law of a volume, clipped to the limits of the properties; None without stiffness."""
-    law = ContactLaw(*(limited(hfx, name) for name in LAW))
-    return law if law.stiffness_n_m > 0.0 else None
+    is_stiff = limited(hfx, LAW[0]) > 0.0  # most volumes have no law
+    return ContactLaw(*(limited(hfx, name) for name in LAW)) if is_stiff else None
 
 
 def directions(world: F64) -> F64:

@@ -12,7 +12,7 @@ from ..body.model import load_model
 from ..body.parts import PARTS
 from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun
-from ..scene import AnimationBlock, EffectDescription
+from ..scene import AnimationBlock, EffectBlock, EffectDescription
 
 NEUTRAL_WITHIN_C = 1e-3
 """Largest deviation of a temperature treated as neutral, degrees Celsius."""
@@ -41,12 +41,14 @@ class FeltTimes:
         a finite placement. Otherwise an effect with a level above 0 or NaN goes to ``no_number``:
         as "a place" if only its placement is not finite, else as "a value".
         """
+        silent: EffectBlock | None = None  # many far volumes share one
         for effect, animated in zip(effects, block.effects, strict=True):
-            if effect.id in self.is_on:
+            if animated is silent or effect.id in self.is_on:
                 continue
             levels = animated.levels[block.own]
             is_off = levels <= 0.0
             if is_off.all():
+                silent = animated
                 continue
             parameters = animated.parameters[block.own]
             is_finite = ~is_off & np.isfinite(levels) & np.isfinite(parameters).all(axis=1)

@@ -4,10 +4,10 @@
 import math
 import textwrap
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NoReturn, Self
+from typing import Any, Final, NoReturn, Self
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from .header import TrackHeader
 from .layout import from_json, parse_json, value_in
 
 _ENCRYPTED: Final = 0x1  # flag of an encrypted ZIP entry
+
+Content = tuple[TrackHeader, Mapping[str, Any], list[int], list[layout.StreamIndex]]
+"""Header, encoding, numbers of the chunks with samples, and entry of each stream, of a track."""
 
 _TIME_TOLERANCE: Final = 1e-6
 """Fraction of a sample by which a requested time may miss a sample's own float64 time."""
@@ -46,10 +49,11 @@ class TrackReader:
     Attributes: ``header``; ``full_precision``, True for float32 weights as recorded, else multiples
     of 1/255; ``samples_per_chunk``; ``chunks``, ascending numbers of the chunks with samples;
     ``index``, the entry of each stream. Raises InputError for a file that is missing, no track, of
-    a newer version or damaged; for damaged samples when read.
+    a newer version or damaged; for damaged samples when read. With ``written``, the content
+    of header and index of a track that was just written, neither is parsed.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, written: Content | None = None) -> None:
         self.path = path
         refuse_no_file(path)
         try:
@@ -61,17 +65,9 @@ class TrackReader:
         except NPZ_DAMAGE as error:
             raise InputError(f"{path}: not a HapticTrack, or cut short ({error}).") from error
         try:
-            if layout.HEADER not in self._archive.namelist():
-                self._fail(f"it has no {layout.HEADER}")
-            header = self._entry(layout.HEADER, layout.MAX_JSON_BYTES)
-            self.header, encoding = from_json(header)
-            storage = value_in(encoding, layout.STORAGE, "encoding")
-            self.samples_per_chunk: int = storage["samples_per_chunk"]
-            self.full_precision: bool = storage["weights"] == layout.WEIGHTS_FULL
-            document = parse_json(self._entry(layout.INDEX, layout.MAX_JSON_BYTES), "index")
-            index = value_in(document, layout.INDEX_SHAPE, "index")
-            self.chunks: list[int] = list(index["chunks"])
-            self.index: list[layout.StreamIndex] = list(index["streams"])
+            self.header, encoding, self.chunks, self.index = written or self._content()
+            self.samples_per_chunk: int = encoding["samples_per_chunk"]
+            self.full_precision: bool = encoding["weights"] == layout.WEIGHTS_FULL
             self._check_index()
         except ValueError as error:
             self._archive.close()
@@ -230,6 +226,16 @@ class TrackReader:
         except ValueError as error:
             self._fail(f"{name}: {error}")
         return sections
+
+    def _content(self) -> Content:
+        """Content of header and index; raises InputError without header, ValueError for damage."""
+        if layout.HEADER not in self._archive.namelist():
+            self._fail(f"it has no {layout.HEADER}")
+        header, encoding = from_json(self._entry(layout.HEADER, layout.MAX_JSON_BYTES))
+        storage = value_in(encoding, layout.STORAGE, "encoding")
+        document = parse_json(self._entry(layout.INDEX, layout.MAX_JSON_BYTES), "index")
+        index = value_in(document, layout.INDEX_SHAPE, "index")
+        return header, storage, list(index["chunks"]), list(index["streams"])
 
     def _check_index(self) -> None:
         """Raise InputError unless the index has exactly the file's chunks, the header's streams,

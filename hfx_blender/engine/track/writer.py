@@ -35,7 +35,7 @@ from .codec import (
 )
 from .header import TrackEffect, TrackHeader
 from .layout import to_json
-from .track_reader import TrackReader, read_sections
+from .track_reader import Content, TrackReader, read_sections
 
 _ZIP_EPOCH: Final = (1980, 1, 1, 0, 0, 0)
 _TIME_TOLERANCE_S: Final = 1e-9
@@ -79,13 +79,18 @@ class TrackWriter:
             self._finishing = stack.pop_all()
         return self
 
-    def _put_header(self) -> None:
-        """Write the header entry with the present chunk size and kind of weights."""
+    @property
+    def written(self) -> Content:
+        """Content of header and index so far, for a :class:`TrackReader` of the finished file."""
         encoding = {
             "samples_per_chunk": self._samples_per_chunk,
             "weights": layout.WEIGHTS_FULL if self.full_precision else layout.WEIGHTS_BYTE,
         }
-        header = to_json(self.header, encoding)
+        return self.header, encoding, self._chunks, self._index
+
+    def _put_header(self) -> None:
+        """Write the header entry with the present chunk size and kind of weights."""
+        header = to_json(*self.written[:2])
         self._put(layout.HEADER, header, layout.MAX_JSON_BYTES)
 
     def __exit__(self, *failure: Any) -> None:

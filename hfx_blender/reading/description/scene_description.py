@@ -213,16 +213,13 @@ def _shown_effects(
 ) -> list[bpy.types.Object]:
     """Effects among ``candidates`` that Blender evaluates, in order. Raises InputError without
     candidates, and if all are disabled; never if an object may show instances."""
-    # Instances may show volumes of other scenes.
-    has_instances = any(map(reached.is_instancer, scene_objects(scene)))
-    if not candidates and not has_instances:
-        raise _refusal([f"Scene '{scene.name}' has no haptic effects.", *_missing_data()])
     shown = [effect for effect in candidates if visibility.may_be_seen(effect, layer, enabled)]
-    if not shown and not has_instances:
-        raise InputError(
-            f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
-        )
-    return shown
+    # Instances may show volumes of other scenes.
+    if shown or any(map(reached.is_instancer, scene_objects(scene))):
+        return shown
+    if not candidates:
+        raise _refusal([f"Scene '{scene.name}' has no haptic effects.", *_missing_data()])
+    raise InputError(f"Scene '{scene.name}': all of its haptic effects are disabled in viewports.")
 
 
 def without_absent(haptics: HapticObjects, instanced: Collection[str]) -> HapticObjects:
@@ -241,14 +238,11 @@ def _excluded(reasons: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     texts = []
     for why, names in names_by_reason.items():
         count, listed = len(names), named(names, MOST_NAMES)
-        if count == 1 and why == ABSENT:
-            texts.append(f"effect {listed} {why}: it was left out")
-        elif count == 1:
-            texts.append(f"effect {listed} {why}: it was left out; {_CURE}")
-        elif why == ABSENT:
-            texts.append(f"{count} effects were left out, as each {why}: {listed}")
+        cure = "" if why == ABSENT else f"; {_CURE}"
+        if count == 1:
+            texts.append(f"effect {listed} {why}: it was left out{cure}")
         else:
-            texts.append(f"{count} effects were left out, as each {why}; {_CURE}: {listed}")
+            texts.append(f"{count} effects were left out, as each {why}{cure}: {listed}")
     return tuple(texts)
 
 
@@ -269,9 +263,10 @@ def describe(
     states = dict(zip(haptics.effects, haptics.activations, strict=True))
 
     def work(effect: bpy.types.Object) -> EffectDescription:
-        is_volume = effect.hfx.kind == "VOLUME" and effect not in haptics.dormant
-        if is_volume and is_steady(effect):  # a bad mesh is reported at once
-            shapes.shape_of(effect, effect.evaluated_get(haptics.layer.depsgraph))
+        evaluated = effect.evaluated_get(haptics.layer.depsgraph)
+        is_mesh = effect.hfx.kind == "VOLUME" and evaluated.hfx.shape == "MESH"
+        if is_mesh and effect not in haptics.dormant and is_steady(effect):
+            shapes.shape_of(effect, evaluated)  # a bad mesh is reported at once
         return _describe_effect(effect, states[effect], haptics, ids)
 
     described, faults = soundness.without_faulty(haptics.effects, work)
@@ -281,14 +276,11 @@ def describe(
     frames = sample_frames(time, np.arange(time.sample_count))
     frames = animation_frames(haptics.scene, frames)
     # Binding a model to a body is slow: only models of effects that may be felt are bound.
-    posed = {
-        description.model_id
-        for effect, description in described.items()
-        if effect not in haptics.dormant
-        and (description.kind == "volume" or always_posed)
-        and states[effect].may_be_on(frames).any()
-    }
-    posed |= {effect.model_id for effect in more}
+    posed = {effect.model_id for effect in more}
+    for effect, description in described.items():
+        is_posed = description.kind == "volume" or always_posed
+        if description.model_id not in posed and is_posed and effect not in haptics.dormant:
+            posed |= {description.model_id} if states[effect].may_be_on(frames).any() else set()
     bindings, unbound = soundness.without_faulty(
         haptics.bodies, lambda body: body_binding.binding_of(body, posed)
     )

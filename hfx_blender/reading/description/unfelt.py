@@ -136,8 +136,8 @@ def lost_clips(
     """Yield evaluated clips with bounds that are wholly or partly outside the scene's frames, or
     between two samples. If other frames than the scene's are read, clips with samples there or in
     the scene are not reported."""
-    whole = replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
     for clip in state.playing:
+        whole = replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
         start, end = clips.played_span(scene, clip.frame_start, clip.frame_end)
         why = _why_lost(time, start, end)
         if time != whole:
@@ -225,14 +225,12 @@ def asleep(
     order; :data:`NOT_SOLO` is followed by the names of solo effects."""
     frames = frames_read(scene, time)
     states = tuple(states)
-    candidates = dict.fromkeys((*effects.effects_of(scene), *(effect for effect, _ in states)))
-    solo_names = named([f"'{effect.name}'" for effect in candidates if effect.hfx.is_solo], 3)
-    reasons = ((effect, why_dormant(effect, state, frames)) for effect, state in states)
-    return {
-        effect: f"{why}: {solo_names}" if why == NOT_SOLO else why
-        for effect, why in reasons
-        if why is not None
-    }
+    silent = {e: why for e, state in states if (why := why_dormant(e, state, frames)) is not None}
+    if NOT_SOLO in silent.values():
+        candidates = dict.fromkeys((*effects.effects_of(scene), *(effect for effect, _ in states)))
+        solo = named([f"'{effect.name}'" for effect in candidates if effect.hfx.is_solo], 3)
+        silent = {e: f"{why}: {solo}" if why == NOT_SOLO else why for e, why in silent.items()}
+    return silent
 
 
 def why_dormant(effect: bpy.types.Object, state: Activation, frames: F64) -> str | None:

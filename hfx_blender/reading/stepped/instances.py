@@ -109,7 +109,7 @@ class Sources:
         warnings = (text for texts in valid.values() for text in texts)
         sources = {name: source for name, source in sources.items() if source in valid}
         # An effect of the scene on solo silences sources as well.
-        every = {obj.name_full: obj for obj in effects.effects_of(found.scene)}
+        every = {obj.name_full: obj for obj in effects.effects_of(found.scene) if sources}
         silenced = effects.muted_effects({**every, **sources}.values())
         states = {
             name: activation.SILENCED if source in silenced else activation.activation_of(source)

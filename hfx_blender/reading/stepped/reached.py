@@ -56,19 +56,12 @@ def data_reached_from(
 ) -> set[bpy.types.ID]:
     """Objects and all data-blocks in use by these, directly or not; ``ignored`` (user, used)
     references are not followed."""
-    uses: dict[bpy.types.ID, list[bpy.types.ID]] = {}
-    for user, used in _references():
-        if (user, used) not in ignored:
-            uses.setdefault(user, []).append(used)
-    return _closure(start, uses)
+    return _closure(start, (pair for pair in _references() if pair not in ignored))
 
 
 def data_reaching(start: Iterable[bpy.types.Object]) -> set[bpy.types.ID]:
     """Objects and all their direct and indirect users; scenes do not count as users."""
-    users: dict[bpy.types.ID, list[bpy.types.ID]] = {}
-    for user, used in _references():
-        users.setdefault(used, []).append(user)
-    return _closure(start, users)
+    return _closure(start, ((used, user) for user, used in _references()))
 
 
 def _references() -> Iterator[Reference]:
@@ -82,11 +75,11 @@ def _references() -> Iterator[Reference]:
             yield obj.parent, obj
 
 
-def _closure(
-    start: Iterable[bpy.types.Object], following: dict[bpy.types.ID, list[bpy.types.ID]]
-) -> set[bpy.types.ID]:
-    """Objects and everything reached by following the lists of ``following`` any number of
-    times."""
+def _closure(start: Iterable[bpy.types.Object], pairs: Iterable[Reference]) -> set[bpy.types.ID]:
+    """Objects and everything reached from the first to the second of ``pairs``, repeatedly."""
+    following: dict[bpy.types.ID, list[bpy.types.ID]] = {}
+    for first, second in pairs:
+        following.setdefault(first, []).append(second)
     reached: set[bpy.types.ID] = set()
     pending: list[bpy.types.ID] = [*start]
     while pending:

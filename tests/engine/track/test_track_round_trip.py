@@ -249,3 +249,15 @@ def test_reading_needs_no_body_model_file(tmp_path, monkeypatch):
     path = write(tmp_path / "a.hfxtrack", HEADER, [[run(HEADER, 0, [0], [[HUGE - 1]], [[1.0]])]])
     with TrackReader(path) as reader:
         assert [r.vertices.tolist() for r in reader.runs()] == [[HUGE - 1]]
+
+
+@pytest.mark.parametrize("full_precision", [False, True])
+def test_what_was_just_written_equals_what_the_file_says(tmp_path, full_precision):
+    runs = [run(HEADER, 0, [3, 7], [[1, 2], [5]], [[0.5, 1.0], [0.25]])]
+    with TrackWriter(tmp_path / "a", HEADER, full_precision=full_precision) as writer:
+        writer.append(runs)
+    with TrackReader(tmp_path / "a", writer.written) as known, TrackReader(tmp_path / "a") as read:
+        assert known.header is HEADER and to_json(read.header, {}) == to_json(HEADER, {})
+        assert known.full_precision == read.full_precision == full_precision
+        assert known.samples_per_chunk == read.samples_per_chunk
+        assert known.chunks == read.chunks == [0] and known.index == read.index
