@@ -33,16 +33,16 @@ def active_rows(
     list in the order of ``effects``. Warns of non-finite values."""
     if not effects:
         return []
-    # Quick path: blocks of finite values only.
-    parts = [animated.levels for animated in block.effects]
-    parts += [animated.parameters.ravel() for animated in block.effects]
-    values_of_all, count = np.concatenate(parts), len(block.indices)
-    if np.isfinite(values_of_all).all():
-        is_on = values_of_all[: len(effects) * count].reshape(len(effects), count) > 0.0
+    # Quick path: blocks of finite values only. Many silent effects share one block.
+    blocks, count = [*dict.fromkeys(block.effects)], len(block.indices)
+    values = np.concatenate([*(b.levels for b in blocks), *(b.parameters.ravel() for b in blocks)])
+    if np.isfinite(values).all():
+        is_on = values[: len(blocks) * count].reshape(len(blocks), count) > 0.0
         _keep_own(is_on.T, block)
         numbers, rows = is_on.nonzero()
-        cuts = np.searchsorted(numbers, np.arange(len(effects) + 1)).tolist()
-        return [rows[first:last] for first, last in pairwise(cuts)]
+        cuts = pairwise(np.searchsorted(numbers, np.arange(len(blocks) + 1)).tolist())
+        rows_of = {each: rows[slice(*cut)] for each, cut in zip(blocks, cuts, strict=True)}
+        return [rows_of[animated] for animated in block.effects]
     return [
         _finite_rows(effect, animated, block, counters)
         for effect, animated in zip(effects, block.effects, strict=True)

@@ -115,7 +115,7 @@ class Engine:
                 deque(runs, 0)
 
         for block in blocks:
-            active = sum(bool((effect.levels > 0.0).any()) for effect in block.effects)
+            active = sum(bool((effect.levels > 0.0).any()) for effect in {*block.effects})
             waiting = int(self._threads is not None and active <= _MOST_BEGUN)
             yield from finished(waiting)
             # Counts of a begun block are held back until its samples are yielded.
@@ -133,7 +133,7 @@ class Engine:
         effects = list(zip(self.scene.effects, block.effects, strict=True))
         rows_of = active_rows(self.scene.effects, block, self.counters)
         is_active = np.zeros(len(block.indices), np.bool_)
-        for rows in rows_of:
+        for rows in filter(len, rows_of):
             is_active[rows] = True
         count = int(np.count_nonzero(is_active))
         self.counters.times_evaluated += count

@@ -248,7 +248,7 @@ Motion = Callable[[F64], F64]
 class EffectBlock:
     """Animated values of an effect over a block.
 
-    Other values are undefined at rows with level 0.
+    Other values are undefined at rows with level 0. Many silent effects may share one block.
     """
 
     levels: F64  # (T,) activation times intensity, 0..1
