@@ -78,6 +78,7 @@ def test_other_arrays_are_refused(kind: ArrayOf, array: np.ndarray, message: str
             ask(array)
 
 
+@needs_library
 def test_a_structure_keeps_its_arrays_alive() -> None:
     array = np.arange(6, dtype=np.int32)[::2]  # is converted
     boxes = np.arange(3.0)
