@@ -3,7 +3,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -40,8 +39,8 @@ def active_rows(
         is_on = values[: len(blocks) * count].reshape(len(blocks), count) > 0.0
         _keep_own(is_on.T, block)
         numbers, rows = is_on.nonzero()
-        cuts = pairwise(np.searchsorted(numbers, np.arange(len(blocks) + 1)).tolist())
-        rows_of = {each: rows[slice(*cut)] for each, cut in zip(blocks, cuts, strict=True)}
+        parts = np.split(rows, np.searchsorted(numbers, np.arange(1, len(blocks))))
+        rows_of = dict(zip(blocks, parts, strict=True))
         return [rows_of[animated] for animated in block.effects]
     return [
         _finite_rows(effect, animated, block, counters)

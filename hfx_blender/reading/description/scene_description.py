@@ -121,7 +121,6 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     ]
     seen = {*shown}  # quick membership, for thousands of effects
     gone = {effect.name: ABSENT for effect in candidates if effect not in seen}
-    gone |= {effect.name: why for effect, why in bodiless.items()}
     return HapticObjects(
         scene,
         layer,
@@ -131,7 +130,7 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         warnings,
         left_out=left_out,
         notes=soundness.non_finite_keyframes([*bodies, *sound]),
-        gone={**gone, **_names_of(faults)},
+        gone={**gone, **{e.name: why for e, why in bodiless.items()}, **_names_of(faults)},
     )
 
 
@@ -238,11 +237,13 @@ def _excluded(reasons: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     texts = []
     for why, names in names_by_reason.items():
         count, listed = len(names), named(names, MOST_NAMES)
-        cure = "" if why == ABSENT else f"; {_CURE}"
         if count == 1:
-            texts.append(f"effect {listed} {why}: it was left out{cure}")
+            text = f"effect {listed} {why}: it was left out"
+            curable = f"effect {listed} {why}: it was left out; {_CURE}"
         else:
-            texts.append(f"{count} effects were left out, as each {why}{cure}: {listed}")
+            text = f"{count} effects were left out, as each {why}: {listed}"
+            curable = f"{count} effects were left out, as each {why}; {_CURE}: {listed}"
+        texts.append(text if why == ABSENT else curable)
     return tuple(texts)
 
 
