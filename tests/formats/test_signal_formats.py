@@ -15,9 +15,23 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import files, registry
-from hfx_blender.formats.device_files import ahap, ahap_rules, haptic, he, he_rules, openxr
+from hfx_blender.formats.device_files import (
+    ahap,
+    ahap_rules,
+    haptic,
+    he,
+    he_events,
+    he_rules,
+    openxr,
+)
 from hfx_blender.formats.files import read_signals
-from hfx_blender.formats.signals.signals import FrequencyRange, Transient, simplified_signals
+from hfx_blender.formats.signals.curves import Curve
+from hfx_blender.formats.signals.signals import (
+    FrequencyRange,
+    Signal,
+    Transient,
+    simplified_signals,
+)
 from hfx_blender.formats.writing import write, write_signals
 from hfx_tools.formats.signal_raster import raster_of
 from hfx_tools.formats.validation import validate
@@ -501,3 +515,18 @@ def test_ticks_are_in_the_strengths_of_a_tact_file(tmp_path):
     (read, *_), _ = read_signals(path)
     at = read.amplitude.at(np.array([0.1, 0.21, 0.5, 0.71, 0.9]))
     assert at == pytest.approx([0.5, 0.8, 0.5, 0.5, 0.5], abs=0.06)
+
+
+@pytest.mark.parametrize(("tick_s", "kept"), [(0.1, (101, 1.0)), (0.101, (100, 0.5))])
+def test_an_event_of_version_1_that_is_cut_at_a_jump_keeps_its_other_side(tick_s, kept):
+    """A jump from 0.5 to 1 within the millisecond after 100 ms, cut by a tick at one of both."""
+    tick = Transient(tick_s, 0.5, 120.0)
+    jump = Signal(
+        "r1c1",
+        Curve(np.array([0.0, 0.1, 0.101, 0.2]), np.array([0.5, 0.5, 1.0, 1.0])),
+        Curve(np.array([0.0]), np.array([120.0])),
+        (tick,),
+    )
+    events = he_events.events_of(jump, RANGE, falls_to_zero=True)
+    points = {(e.start_ms + ms, level) for e in events for ms, level, _ in e.points}
+    assert kept in points

@@ -180,13 +180,13 @@ def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[He
         start = points[first][0]
         part = [(time - start, level, share) for time, level, share in points[first : stop + 1]]
         if falls_to_zero:
-            # Version 1: both ends are at level 0; a loud end is moved inwards by 1 ms.
+            # Version 1: both ends are at level 0. A loud end is moved inwards by 1 ms, unless the
+            # other side of a jump is there.
             (_, level, share), (end, last_level, last_share) = part[0], part[-1]
             inner = part[1:-1]
-            if level > 0.0:
-                inner = [(min(1, end), level, share), *[point for point in inner if point[0] > 1]]
-            if last_level > 0.0:
-                inner = [point for point in inner if point[0] < end - 1]
+            if level > 0.0 and not (inner and inner[0][0] <= 1):
+                inner = [(min(1, end), level, share), *inner]
+            if last_level > 0.0 and not (inner and inner[-1][0] >= end - 1):
                 inner.append((max(end - 1, 0), last_level, last_share))
             part = [(0, 0.0, share), *inner, (end, 0.0, last_share)]
         events.append(HeEvent(start, tuple(_with_enough_points(part))))
