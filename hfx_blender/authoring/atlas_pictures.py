@@ -163,7 +163,7 @@ def note_press(place: tuple[float, float] | None) -> None:
 
 
 def _note_stroke() -> None:
-    """Note that a stroke is running, if so."""
+    """Set ``_had_stroke`` if a stroke of texture paint is running."""
     global _had_stroke
     _had_stroke |= is_painting("PAINT_OT_image_paint")
 

@@ -29,7 +29,7 @@ from .stepped.stepped_volumes import FarVolumes
 from .stepped.stepping import Stepper
 
 _FEWEST: Final = 32
-"""Number of bounded volumes from which boxes of skin cost less than reading every volume."""
+"""Least number of volumes for which boxes of skin cost less than reading every volume."""
 
 _COMPARED: Final = 16
 """Least number of keyed volumes read in full, for the comparison with Blender's evaluation."""

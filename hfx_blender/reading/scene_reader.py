@@ -38,8 +38,8 @@ from .stepped.simulation import Simulation, has_simulation_anywhere, to_bake
 from .stepped.stepped_reading import SceneRow, SteppedReading
 
 BLOCK_SIZE = 128
-"""Largest block, in samples. Blocks start at multiples of their size, so that results are
-independent of the range."""
+"""Largest number of samples in a block. Blocks start at multiples of their size, so that results
+do not depend on the range."""
 
 _FEW_EFFECTS = 8  # largest number of effects in the largest blocks, which need more memory
 
@@ -253,9 +253,9 @@ class SceneReader:
                 yield block
 
     def _block_size(self, reading: ReadingPass) -> int:
-        """Samples in a block of a pass. Larger blocks have fewer fixed costs. But stepped effects
-        near skin are read twice for a block, evaluation of a stepped scene begins after the first
-        block, many effects need memory, and with impacts the report counts neighbours of blocks."""
+        """Number of samples in a block of a reading pass. Blocks are smaller in stepped scenes
+        (effects near skin are read again for a whole block, and evaluation waits for a block), with
+        many effects (memory), and with impacts (the report counts the neighbours of blocks)."""
         if reading.stepped_effects:
             return BLOCK_SIZE // 4
         is_small = len(self.description.effects) > _FEW_EFFECTS or self._has_impacts

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
 FLATTENED: Final = "is flattened, infinite or not a number"
-"""End of the warning about a volume that cannot be evaluated, after its name."""
+"""Predicate, after a volume's name, of the warning about an unusable placement."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,7 +89,7 @@ class TrackWriter:
         return self.header, encoding, self._chunks, self._index
 
     def _put_header(self) -> None:
-        """Write the header entry with the present chunk size and kind of weights."""
+        """Write the file's header entry, with chunk size and precision of weights so far."""
         header = to_json(*self.written[:2])
         self._put(layout.HEADER, header, layout.MAX_JSON_BYTES)
 

@@ -76,7 +76,7 @@ def _references() -> Iterator[Reference]:
 
 
 def _closure(start: Iterable[bpy.types.Object], pairs: Iterable[Reference]) -> set[bpy.types.ID]:
-    """Objects and everything reached from the first to the second of ``pairs``, repeatedly."""
+    """Data-blocks ``start``, and all reached from them in any number of steps by ``pairs``."""
     following: dict[bpy.types.ID, list[bpy.types.ID]] = {}
     for first, second in pairs:
         following.setdefault(first, []).append(second)
