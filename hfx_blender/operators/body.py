@@ -21,24 +21,11 @@ from ..engine.stepwise import within
 from ..errors import InputError
 from ..properties.objects import FELT_LAYERS
 from ..text import named, printable
-from . import framing
-from .shared import (
-    IS_EDITABLE,
-    EnumItems,
-    FileOperator,
-    HfxOperator,
-    OnBodyOperator,
-    StepwiseOperator,
-    active_armature,
-    active_body,
-    active_effect,
-    kept_items,
-    select_only,
-)
+from . import framing, shared
 
 
-@kept_items
-def _people() -> EnumItems:
+@shared.kept_items
+def _people() -> shared.EnumItems:
     from ..engine.body.model import AVATAR_ID
     from ..engine.body.model_library import people
 
@@ -49,7 +36,7 @@ def _people() -> EnumItems:
     return [(AVATAR_ID, "Average Adult", "1.8 m tall"), *own]
 
 
-class HFX_OT_add_avatar(HfxOperator):
+class HFX_OT_add_avatar(shared.HfxOperator):
     """Add the built-in avatar, a haptic body that is posed like any armature"""
 
     leaves_mode = True
@@ -85,7 +72,7 @@ class HFX_OT_add_avatar(HfxOperator):
         return f"'{armature.name}' is a haptic body{_adopt_effects(context, armature)}"
 
 
-class _FittingOperator(StepwiseOperator):
+class _FittingOperator(shared.StepwiseOperator):
     """Base of operators that fit a haptic body to an avatar."""
 
     doing, doing_icon = "Fitting the Haptic Body", "OUTLINER_OB_ARMATURE"
@@ -161,7 +148,7 @@ def _armature_for(context: bpy.types.Context) -> bpy.types.Object | None:
     if context.object is not None and context.object.type == "ARMATURE":
         return context.object
     selected = [obj for obj in context.selected_objects if obj.type == "ARMATURE"]
-    return selected[0] if len(selected) == 1 else active_armature(context)
+    return selected[0] if len(selected) == 1 else shared.active_armature(context)
 
 
 def _adopt_effects(context: bpy.types.Context, body: bpy.types.Object) -> str:
@@ -181,18 +168,18 @@ def _quoted(meshes: list[bpy.types.Object]) -> str:
     return " and ".join(f"'{mesh.name}'" for mesh in meshes)
 
 
-@kept_items
-def _bodies() -> EnumItems:
+@shared.kept_items
+def _bodies() -> shared.EnumItems:
     bodies_in_scene = effects.bodies_of(bpy.context.scene)
     return [(obj.name, obj.name, f"Felt on {obj.name}") for obj in bodies_in_scene]
 
 
-class HFX_OT_move_to_body(OnBodyOperator):
+class HFX_OT_move_to_body(shared.OnBodyOperator):
     """Assign effects to another body; painted areas keep their place on the body"""
 
     leaves_mode = False
     bl_label = "Move to Body"
-    requires = (*OnBodyOperator.requires, IS_EDITABLE)
+    requires = (*shared.OnBodyOperator.requires, shared.IS_EDITABLE)
 
     body: EnumProperty(name="Body", description="Body for the effects", items=_bodies)
     which: EnumProperty(
@@ -209,7 +196,7 @@ class HFX_OT_move_to_body(OnBodyOperator):
         every = effects.bodies_of(context.scene)
         body = next(candidate for candidate in every if candidate.name == self.body)
         if self.which == "ACTIVE":
-            active = active_effect(context)
+            active = shared.active_effect(context)
             moved = [active] if active is not None else []
             moved += [o for o in context.selected_objects if o.hfx.role == "EFFECT"]
         elif self.which == "GONE":
@@ -240,14 +227,17 @@ class HFX_OT_fit_body(_FittingOperator):
     bl_label = "Fit Again"
 
     requires = (
-        (active_body, "Select a haptic body"),
-        (lambda context: _is_fitted(active_body(context)), "The built-in avatar needs no fit"),
+        (shared.active_body, "Select a haptic body"),
+        (
+            lambda context: _is_fitted(shared.active_body(context)),
+            "The built-in avatar needs no fit",
+        ),
     )
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies, model_mesh
 
-        body = active_body(context)
+        body = shared.active_body(context)
         context.view_layer.update()
         # Shown models have the shape of the old fit, and are made again after the fit.
         was_shown = [obj[model_mesh.MODEL] for obj in model_mesh.shown_meshes(body)]
@@ -257,8 +247,8 @@ class HFX_OT_fit_body(_FittingOperator):
         return message
 
 
-@kept_items
-def _model_sets() -> EnumItems:
+@shared.kept_items
+def _model_sets() -> shared.EnumItems:
     sets = model_library.model_sets().items()
     return [
         ("DEFAULT", "Default", "Even cells of skin, one threshold apart"),
@@ -273,7 +263,7 @@ class HFX_OT_use_models(_FittingOperator):
     bl_label = "Body Models"
 
     models: EnumProperty(name="Body Models", description="Installed set", items=_model_sets)
-    requires = ((active_body, "Select a haptic body"),)
+    requires = ((shared.active_body, "Select a haptic body"),)
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
         from ..avatars import bodies, model_mesh, stored_fits
@@ -310,7 +300,7 @@ class HFX_OT_use_models(_FittingOperator):
         return f"{moved}. Body models: {' '.join(ids) or 'default'}"
 
 
-class HFX_OT_show_model(HfxOperator):
+class HFX_OT_show_model(shared.HfxOperator):
     """Show or hide the perceptual model on the avatar, with a colour for each body part"""
 
     leaves_mode = True
@@ -325,15 +315,15 @@ class HFX_OT_show_model(HfxOperator):
         ],
         default="pressure",
     )
-    requires = ((active_body, "Select a haptic body"),)
+    requires = ((shared.active_body, "Select a haptic body"),)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import model_mesh
 
-        body = active_body(context)
+        body = shared.active_body(context)
         model_id = effects.model_id_for(self.model, body)
         removed = model_mesh.hide(body)
-        select_only(context, body)
+        shared.select_only(context, body)
         if model_id in removed:
             return f"The {self.model} model of '{body.name}' is removed"
         obj = model_mesh.show(context, body, model_id)
@@ -341,15 +331,15 @@ class HFX_OT_show_model(HfxOperator):
         return f"'{obj.name}' shows {len(obj.data.vertices)} vertices"
 
 
-class _BonesOperator(HfxOperator):
+class _BonesOperator(shared.HfxOperator):
     """Base of operators on the bone table of the active armature."""
 
-    requires = ((active_armature, "Select an armature, or a mesh that has one"),)
+    requires = ((shared.active_armature, "Select an armature, or a mesh that has one"),)
 
     def work(self, context: bpy.types.Context) -> str:
         from ..avatars import bodies
 
-        armature = active_armature(context)
+        armature = shared.active_armature(context)
         bodies.check_armature(armature)
         return self.work_on(armature)
 
@@ -391,11 +381,11 @@ class HFX_OT_reset_bones(_BonesOperator):
         return self.fill(armature, keep_corrections=False)
 
 
-class _BonesFileOperator(_BonesOperator, FileOperator):
+class _BonesFileOperator(_BonesOperator, shared.FileOperator):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
     def first_path(self, context: bpy.types.Context) -> str:
-        return bpy.path.clean_name(active_armature(context).name) + "_bones.json"
+        return bpy.path.clean_name(shared.active_armature(context).name) + "_bones.json"
 
 
 class HFX_OT_save_bones(_BonesFileOperator):

@@ -11,20 +11,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from ...errors import InputError
-from ...files import kinds, resources
+from ...files import json_shapes, kinds, resources
 from ...files.atomic import atomic_file
-from ...files.json_shapes import (
-    PRINTABLE,
-    Items,
-    Node,
-    Number,
-    Text,
-    curve,
-    node_of,
-    numbers,
-    read,
-    strict,
-)
 from ...files.kinds import refuse_another
 
 SUFFIX: Final = kinds.PATH_SUFFIX
@@ -58,27 +46,27 @@ def _path(
     return PathRecipe(name, points_m, kind, is_closed, **more)
 
 
-POINTS: Final = Items(numbers(3, -3.0, 3.0, "m"), 1, MAX_POINTS)
-CLOSED: Final = Number(0, 1, is_whole=True)
-_PATH: Final = strict(
+POINTS: Final = json_shapes.Items(json_shapes.numbers(3, -3.0, 3.0, "m"), 1, MAX_POINTS)
+CLOSED: Final = json_shapes.Number(0, 1, is_whole=True)
+_PATH: Final = json_shapes.strict(
     {
-        "schema": Text((SCHEMA,)),
-        "version": Number(VERSION, VERSION, is_whole=True),
-        "name": PRINTABLE,
-        "kind": Text(KINDS),
+        "schema": json_shapes.Text((SCHEMA,)),
+        "version": json_shapes.Number(VERSION, VERSION, is_whole=True),
+        "name": json_shapes.PRINTABLE,
+        "kind": json_shapes.Text(KINDS),
         "points_m": POINTS,
     },
-    {"description": PRINTABLE, "closed": CLOSED, "motion": curve()},
+    {"description": json_shapes.PRINTABLE, "closed": CLOSED, "motion": json_shapes.curve()},
     into=_path,
 )
 
 
 def load(path: Path) -> PathRecipe:
     """Read and check a path file; InputError with file, field, found and allowed value."""
-    return recipe_of(read(path, _MOST_BYTES))
+    return recipe_of(json_shapes.read(path, _MOST_BYTES))
 
 
-def recipe_of(document: Node) -> PathRecipe:
+def recipe_of(document: json_shapes.Node) -> PathRecipe:
     """Path of a parsed document; errors of :func:`load`."""
     refuse_another(document.value, document.file, SCHEMA)
     path: PathRecipe = document.read(_PATH)
@@ -104,7 +92,7 @@ def save(recipe: PathRecipe, path: Path) -> None:
     if recipe.motion:
         document["motion"] = recipe.motion
     content = (json.dumps(document, indent=1) + "\n").encode()
-    recipe_of(node_of(content, f"Path '{recipe.name}'", _MOST_BYTES))
+    recipe_of(json_shapes.node_of(content, f"Path '{recipe.name}'", _MOST_BYTES))
     with atomic_file(path) as file:
         file.write(content)
 

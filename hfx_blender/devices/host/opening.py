@@ -5,18 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from ...engine.rendering.device_config import (
-    BhapticsEncoder,
-    ButtplugEncoder,
-    BytesEncoder,
-    DeviceConfig,
-    OscEncoder,
-    SerialTransport,
-    TextEncoder,
-    UdpTransport,
-    VrcHapticsEncoder,
-    WireEncoder,
-)
+from ...engine.rendering import device_config
 from ..configurations.configuration_reader import is_local
 from ..transports.log_outputs import CsvLog, Simulator
 from ..transports.serial_port import SerialFrames, SerialPort
@@ -27,7 +16,7 @@ from .output import Output, OutputLostError
 KINDS: Final = ("serial", "udp", "websocket", "csv", "audio", "page")
 
 
-def open_output(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+def open_output(device: device_config.DeviceConfig, target: Mapping[str, Any]) -> Output:
     """Open a device's output; may take seconds, as a board has to start.
 
     ``target``: ``kind`` and its entries:
@@ -85,7 +74,7 @@ def targets_of(target: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [x for x in outputs if isinstance(x, dict)] if isinstance(outputs, list) else []
 
 
-def _open_part(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+def _open_part(device: device_config.DeviceConfig, target: Mapping[str, Any]) -> Output:
     """Open the only output of a device by its target; errors as of :func:`open_output`."""
     kind = target.get("kind")
     if kind not in KINDS:
@@ -96,60 +85,60 @@ def _open_part(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
     return _serial(device, target) if kind == "serial" else _network(device, target)
 
 
-def kind_of(device: DeviceConfig) -> str | None:
+def kind_of(device: device_config.DeviceConfig) -> str | None:
     """Kind of target of a device's configured output: serial, udp or websocket; None without."""
     if device.output is None:
         return None
-    if isinstance(device.output.transport, SerialTransport):
+    if isinstance(device.output.transport, device_config.SerialTransport):
         return "serial"
-    return "udp" if isinstance(device.output.transport, UdpTransport) else "websocket"
+    return "udp" if isinstance(device.output.transport, device_config.UdpTransport) else "websocket"
 
 
-def _serial(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+def _serial(device: device_config.DeviceConfig, target: Mapping[str, Any]) -> Output:
     """Open the serial port ``port`` of a target for a device with a serial transport, and choose
     the output by its encoder. OutputLostError as of :class:`SerialPort` or the board."""
     assert device.output is not None
     how, transport = device.output.encoder, device.output.transport
-    assert isinstance(transport, SerialTransport)
+    assert isinstance(transport, device_config.SerialTransport)
     port = SerialPort(str(target.get("port")), transport.baud)
-    if isinstance(how, WireEncoder):
+    if isinstance(how, device_config.WireEncoder):
         from ..transports.wire_board import WireBoard
 
         return WireBoard(device, port)
-    assert isinstance(how, BytesEncoder | TextEncoder)
+    assert isinstance(how, device_config.BytesEncoder | device_config.TextEncoder)
     return SerialFrames(port, FrameEncoder(device, how))
 
 
-def _network(device: DeviceConfig, target: Mapping[str, Any]) -> Output:
+def _network(device: device_config.DeviceConfig, target: Mapping[str, Any]) -> Output:
     """Connect by OSC, VRC Haptics, Buttplug or bHaptics, as the encoder says, to host and port of a
     target, by default those of the device's transport. OutputLostError: the host is not local, the
     port is not 1 to 65535, or no connection."""
     assert device.output is not None
     how, transport = device.output.encoder, device.output.transport
-    assert not isinstance(transport, SerialTransport)
+    assert not isinstance(transport, device_config.SerialTransport)
     # Hosts on the internet are refused, also from a settings file edited by hand.
     host = target.get("host", transport.host)
     port = target.get("port", transport.port)
-    is_announced = host == "" and isinstance(how, VrcHapticsEncoder)
+    is_announced = host == "" and isinstance(how, device_config.VrcHapticsEncoder)
     if not isinstance(host, str) or not (is_announced or is_local(host)):
         raise OutputLostError(
             f"'{str(host)[:60]}' is neither localhost nor an address of a private network."
         )
     if isinstance(port, bool) or not isinstance(port, int) or not 1 <= port <= 65535:
         raise OutputLostError(f"'{str(port)[:20]}' is no port; allowed is 1 to 65535.")
-    if isinstance(how, OscEncoder):
+    if isinstance(how, device_config.OscEncoder):
         from ..transports.osc import OscOutput
 
         return OscOutput(device, how, host, port)
-    if isinstance(how, VrcHapticsEncoder):
+    if isinstance(how, device_config.VrcHapticsEncoder):
         from ..transports.vrc_haptics import VrcHapticsOutput
 
         return VrcHapticsOutput(device, host, port, str(target.get("unit", "")))
-    if isinstance(how, ButtplugEncoder):
+    if isinstance(how, device_config.ButtplugEncoder):
         from ..transports.buttplug import ButtplugOutput
 
         return ButtplugOutput(device, how, host, port, str(target.get("unit", "")))
-    assert isinstance(how, BhapticsEncoder)
+    assert isinstance(how, device_config.BhapticsEncoder)
     from ..transports.bhaptics import BhapticsOutput
 
     return BhapticsOutput(device, how, host, port)

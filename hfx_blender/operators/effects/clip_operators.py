@@ -13,18 +13,11 @@ from ...blender.scene_info import animation_fps, frame_at, frames_per_shown_unit
 from ...blender.translation import translated
 from ...errors import InputError
 from ...text import shortened
-from .. import framing
-from ..shared import (
-    ARE_TARGETS_EDITABLE,
-    IS_EDITABLE,
-    HfxOperator,
-    active_effect,
-    painted_effect,
-)
+from .. import framing, shared
 
 
-class _OfEffect(HfxOperator):
-    requires = ((active_effect, "Select a haptic effect"), IS_EDITABLE)
+class _OfEffect(shared.HfxOperator):
+    requires = ((shared.active_effect, "Select a haptic effect"), shared.IS_EDITABLE)
 
 
 TIMES = {
@@ -87,10 +80,10 @@ class _ClipOperator(_OfEffect):
     bl_options = {"REGISTER", "UNDO", "PRESET"}
     requires = (
         (
-            lambda context: painted_effect(context) or active_effect(context),
+            lambda context: shared.painted_effect(context) or shared.active_effect(context),
             "Select a haptic effect",
         ),
-        IS_EDITABLE,
+        shared.IS_EDITABLE,
     )
     last_field: ClassVar[str]
     """Property of the subclass that the dialog shows last."""
@@ -127,7 +120,7 @@ class _ClipOperator(_OfEffect):
         """Effect of the clip, painted or active; painting is finished first."""
         if painting.canvas_in(context) is not None:
             bpy.ops.hfx.paint_end()
-        return active_effect(context)
+        return shared.active_effect(context)
 
     def span(self, context: bpy.types.Context) -> dict[str, float]:
         """Start, end and fades of the clip in frames of the scene, as arguments of
@@ -186,7 +179,7 @@ def draw_clip_buttons(layout: bpy.types.UILayout, prefix: str = "") -> None:
         layout.operator(operator.bl_idname, text=translated(text), icon=icon)
 
 
-class HFX_OT_extend_scene(HfxOperator):
+class HFX_OT_extend_scene(shared.HfxOperator):
     """Extend the scene's frame range to include all clips"""
 
     bl_label = "Extend the Scene"
@@ -202,7 +195,7 @@ class HFX_OT_extend_scene(HfxOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        scene, active = context.scene, active_effect(context)
+        scene, active = context.scene, shared.active_effect(context)
         listed = swarms.listed_effects(scene)
         if self.which == "ACTIVE":
             listed = [active] if active is not None else []
@@ -223,7 +216,7 @@ class HFX_OT_remove_clip(_OfEffect):
     name: StringProperty(name="Name", description="The clip's name")
 
     def work(self, context: bpy.types.Context) -> None:
-        clips.remove_clip(active_effect(context), self.name)
+        clips.remove_clip(shared.active_effect(context), self.name)
 
 
 class HFX_OT_draw_fades(_OfEffect):
@@ -234,7 +227,7 @@ class HFX_OT_draw_fades(_OfEffect):
     name: StringProperty(name="Name", description="The clip's name")
 
     def work(self, context: bpy.types.Context) -> str:
-        effect = active_effect(context)
+        effect = shared.active_effect(context)
         for _, strip in clips.strips_of(effect):
             if strip.name == self.name:
                 drawn_fades.draw(effect, strip)
@@ -276,11 +269,11 @@ class HFX_OT_copy_clips(_OfEffect):
     """Copy the clips of the active effect to the other selected effects"""
 
     bl_label = "Copy Clips to Selected"
-    requires = (*_OfEffect.requires[:1], ARE_TARGETS_EDITABLE)
+    requires = (*_OfEffect.requires[:1], shared.ARE_TARGETS_EDITABLE)
     adds_clips = True
 
     def work(self, context: bpy.types.Context) -> str:
-        source = active_effect(context)
+        source = shared.active_effect(context)
         others = [o for o in context.selected_objects if o != source and o.hfx.role == "EFFECT"]
         if not others:
             raise InputError("Select the target effects first, and this effect last.")

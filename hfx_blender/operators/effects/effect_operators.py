@@ -14,31 +14,21 @@ from ...export import response_baking
 from ...files import resources
 from ...properties.objects import SHAPES
 from ...text import named
+from .. import shared
 from ..live.connect_operators import device_items
-from ..shared import (
-    IS_EDITABLE,
-    ON_MESH,
-    HfxOperator,
-    MenuOperator,
-    OnBodyOperator,
-    active_body,
-    active_effect,
-    select_only,
-    target_body,
-)
 
 _NAME_TIP = "Name in the Outliner; empty: the kind of effect"
 
 
 def active_volume(context: bpy.types.Context) -> bpy.types.Object | None:
     """Active haptic volume, or the only volume emitted by the active object; otherwise None."""
-    effect = active_effect(context)
+    effect = shared.active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "VOLUME" else None
 
 
 def active_vector(context: bpy.types.Context) -> bpy.types.Object | None:
     """Active effect if a vector sensation (a curve for each actuator); otherwise None."""
-    effect = active_effect(context)
+    effect = shared.active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "ACTUATORS" else None
 
 
@@ -50,7 +40,7 @@ def show_wire_colours(context: bpy.types.Context) -> None:
             space.shading.wireframe_color_type = "OBJECT"
 
 
-class HFX_OT_add_volume(HfxOperator):
+class HFX_OT_add_volume(shared.HfxOperator):
     """Add a haptic volume. Bodies inside it feel the effect"""
 
     leaves_mode = True
@@ -111,10 +101,10 @@ class HFX_OT_add_volume(HfxOperator):
         effect.hfx.height = self.height
         effect.location = self.location
         show_wire_colours(context)
-        select_only(context, effect)
+        shared.select_only(context, effect)
 
 
-class HFX_OT_volume_from_mesh(HfxOperator):
+class HFX_OT_volume_from_mesh(shared.HfxOperator):
     """Add a haptic volume with the shape of the active mesh, parented to the mesh, which is then
     shown as a wire"""
 
@@ -125,20 +115,20 @@ class HFX_OT_volume_from_mesh(HfxOperator):
         name="Modality", description="Sensation inside the volume", items=MODALITY_ITEMS
     )
     name: StringProperty(name="Name", description=_NAME_TIP)
-    requires = (ON_MESH,)
+    requires = (shared.ON_MESH,)
 
     def work(self, context: bpy.types.Context) -> None:
         source = context.object
         # A solid mesh would hide the skin inside; an avatar shows the colours itself.
-        has_body = active_body(context) is not None
+        has_body = shared.active_body(context) is not None
         effect = effects.volume_from_mesh(context.scene, self.modality, source, self.name or None)
         if not has_body:
             source.display_type = "WIRE"
         show_wire_colours(context)
-        select_only(context, effect)
+        shared.select_only(context, effect)
 
 
-class HFX_OT_add_painted(OnBodyOperator):
+class HFX_OT_add_painted(shared.OnBodyOperator):
     """Add an effect with a painted area on a haptic body"""
 
     bl_label = "Painted Effect"
@@ -155,28 +145,30 @@ class HFX_OT_add_painted(OnBodyOperator):
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        body = target_body(context)
+        body = shared.target_body(context)
         effect = effects.add_painted(context.scene, self.modality, body, self.name or None)
-        select_only(context, effect)
+        shared.select_only(context, effect)
         if self.paint:  # from the button of the next step, which leads straight into painting
             bpy.ops.hfx.paint_begin()
             return ""
         return f"'{effect.name}' has no painted area yet"
 
 
-class HFX_OT_make_editable(HfxOperator):
+class HFX_OT_make_editable(shared.HfxOperator):
     """Let settings and clips of an effect of a linked file be changed in this file"""
 
     bl_label = "Make Editable"
     requires = (
         (
-            lambda context: active_effect(context) and effects.is_locked(active_effect(context)),
+            lambda context: (
+                shared.active_effect(context) and effects.is_locked(shared.active_effect(context))
+            ),
             "Select an effect that belongs to a linked file",
         ),
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        effect, scene = active_effect(context), context.scene
+        effect, scene = shared.active_effect(context), context.scene
         if effect.library is not None:
             linked, top = effect, scene.collection
             # An object linked by itself is replaced here, with its collection below.
@@ -188,7 +180,7 @@ class HFX_OT_make_editable(HfxOperator):
                         parent.children.unlink(child)
             overrides = (obj for obj in scene.objects if obj.override_library is not None)
             effect = next(obj for obj in overrides if obj.override_library.reference == linked)
-            select_only(context, effect)
+            shared.select_only(context, effect)
         effect.override_library.is_system_override = False
         locked = [other for other in effects.effects_of(scene) if effects.is_locked(other)]
         rest = f"; linked effects stay unchanged: {named([o.name for o in locked])}"
@@ -201,7 +193,7 @@ _MODALITIES = (
 )
 
 
-class HFX_OT_add_vector_sensation(MenuOperator, OnBodyOperator):
+class HFX_OT_add_vector_sensation(shared.MenuOperator, shared.OnBodyOperator):
     """Add an effect with a curve for each actuator of one device. Other devices ignore the
     effect"""
 
@@ -226,15 +218,15 @@ class HFX_OT_add_vector_sensation(MenuOperator, OnBodyOperator):
         effect = vector_sensations.add(
             context.scene,
             load_device(self.device, resources.user_devices()),
-            target_body(context),
+            shared.target_body(context),
             modality=None if self.modality == "FIRST" else self.modality,
             name=self.name or None,
         )
-        select_only(context, effect)
+        shared.select_only(context, effect)
         return f"'{effect.name}': {len(effect.hfx.drive)} actuators, all at 0"
 
 
-class HFX_OT_key_actuators(HfxOperator):
+class HFX_OT_key_actuators(shared.HfxOperator):
     """Insert a keyframe for every actuator of the vector sensation at the current frame"""
 
     bl_label = "Key All Actuators"
@@ -246,7 +238,7 @@ class HFX_OT_key_actuators(HfxOperator):
         min=-1.0,
         max=1.0,
     )
-    requires = ((active_vector, "Select a vector sensation"), IS_EDITABLE)
+    requires = ((active_vector, "Select a vector sensation"), shared.IS_EDITABLE)
 
     def work(self, context: bpy.types.Context) -> None:
         effect = active_vector(context)
@@ -256,17 +248,17 @@ class HFX_OT_key_actuators(HfxOperator):
             effect.keyframe_insert(f"hfx.drive[{k}].value", frame=context.scene.frame_current)
 
 
-class _OnVolume(HfxOperator):
-    requires = ((active_volume, "Select a haptic volume"), IS_EDITABLE)
+class _OnVolume(shared.HfxOperator):
+    requires = ((active_volume, "Select a haptic volume"), shared.IS_EDITABLE)
 
 
-class _OnFilter(HfxOperator):
+class _OnFilter(shared.HfxOperator):
     requires = (
         (
             lambda context: active_volume(context) and active_volume(context).hfx.response,
             "Add a filter first",
         ),
-        IS_EDITABLE,
+        shared.IS_EDITABLE,
     )
 
 

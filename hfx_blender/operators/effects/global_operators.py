@@ -7,17 +7,7 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 from ...authoring.effects import effects, global_tools, swarms
 from ...blender.scene_info import animation_fps
 from ...errors import InputError
-from .. import framing
-from ..shared import (
-    EnumItems,
-    HfxOperator,
-    KeyBindings,
-    MenuOperator,
-    OnBodyOperator,
-    kept_items,
-    select_only,
-    target_body,
-)
+from .. import framing, shared
 
 SCOPES = (
     ("SELECTED", "Selected", "The selected effects"),
@@ -26,7 +16,7 @@ SCOPES = (
 )
 
 
-class _ManyEffects(HfxOperator):
+class _ManyEffects(shared.HfxOperator):
     scope: EnumProperty(name="Scope", description="Effects to change", items=SCOPES)
 
     requires = ((lambda context: swarms.listed_effects(context.scene), "There are no effects"),)
@@ -105,7 +95,7 @@ class HFX_OT_modulate(_ManyEffects):
         return f"Effects modulated: {count}"
 
 
-class _SelectedEffects(HfxOperator):
+class _SelectedEffects(shared.HfxOperator):
     leaves_mode = True
     requires = ((lambda context: swarms.selected_effects(context.scene), "Select effects first"),)
 
@@ -122,8 +112,8 @@ class HFX_OT_remove_effects(_SelectedEffects):
         return report + ending
 
 
-@kept_items
-def _groups() -> EnumItems:
+@shared.kept_items
+def _groups() -> shared.EnumItems:
     listed = swarms.listed_effects(bpy.context.scene)
     names = sorted({effects.group_of(effect) for effect in listed} - {""})
     return [
@@ -133,7 +123,7 @@ def _groups() -> EnumItems:
     ]
 
 
-class HFX_OT_move_to_group(_SelectedEffects, MenuOperator):
+class HFX_OT_move_to_group(_SelectedEffects, shared.MenuOperator):
     """Move the selected effects to a group with a common gain, mute and start. Select them by the
     dots of the list or with Shift; the menu is below the minus beside the list. Key over the HFX
     tab: M"""
@@ -159,7 +149,7 @@ class HFX_OT_move_to_group(_SelectedEffects, MenuOperator):
         return report + ending if ending else ""
 
 
-class HFX_OT_add_rain(OnBodyOperator):
+class HFX_OT_add_rain(shared.OnBodyOperator):
     """Add rain on the body, or replace the rain of the same name"""
 
     bl_label = "Rain"
@@ -206,7 +196,7 @@ class HFX_OT_add_rain(OnBodyOperator):
 
         rain_objects = rain.add_rain(
             context.scene,
-            target_body(context),
+            shared.target_body(context),
             name=self.name or "Rain",
             drops_per_second=self.drops_per_second,
             drop_size_m=self.drop_size / 1000.0,
@@ -215,9 +205,9 @@ class HFX_OT_add_rain(OnBodyOperator):
             strength_m_s2=self.strength,
             seed=self.seed,
         )
-        select_only(context, *rain_objects)
+        shared.select_only(context, *rain_objects)
         return f"{round(self.drops_per_second * self.duration)} drops"
 
 
-_keys = KeyBindings("User Interface", ("hfx.move_to_group", "M", {}, {}))
+_keys = shared.KeyBindings("User Interface", ("hfx.move_to_group", "M", {}, {}))
 register, unregister = _keys.register, _keys.unregister

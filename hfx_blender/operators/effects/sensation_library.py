@@ -17,17 +17,7 @@ from ...errors import HfxError, InputError
 from ...files import kinds, resources
 from ...formats.registry import FORMATS
 from ...text import printable, shortened
-from .. import framing
-from ..shared import (
-    EnumItems,
-    HfxOperator,
-    ImportOperator,
-    OnBodyOperator,
-    kept_items,
-    select_only,
-    target_body,
-    to_object_mode,
-)
+from .. import framing, shared
 
 # effect_exchange imports numpy: within functions, to keep Blender's start short.
 
@@ -41,8 +31,8 @@ def _place(context: bpy.types.Context, sensation: effect_file.Sensation) -> list
     """Add a sensation's effects to the target body at the current frame, in Object Mode, volumes
     relative to the body, or to the 3D cursor without one. Selects and returns the effects; of
     swarms the emitters are selected. InputError if the target body is ambiguous."""
-    to_object_mode(context)
-    body = target_body(context)
+    shared.to_object_mode(context)
+    body = shared.target_body(context)
     from ...authoring.effects import effect_exchange, swarms
 
     objects = effect_exchange.place_sensation(
@@ -53,7 +43,7 @@ def _place(context: bpy.types.Context, sensation: effect_file.Sensation) -> list
         origin=_origin(context, body),
     )
     seen = [obj for effect in objects for obj in swarms.objects_showing(context.scene, effect)]
-    select_only(context, *seen)
+    shared.select_only(context, *seen)
     return objects
 
 
@@ -66,13 +56,13 @@ def _selected(context: bpy.types.Context, title: str) -> effect_file.Sensation:
 
     chosen = swarms.selected_effects(context.scene)
     bodies = [obj.hfx.body for obj in chosen if obj.hfx.body is not None]
-    body = bodies[0] if bodies else target_body(context)
+    body = bodies[0] if bodies else shared.target_body(context)
     origin = _origin(context, body)
     return effect_exchange.sensation_of(context.scene, chosen, title, origin=origin)
 
 
 @lru_cache(maxsize=4)
-def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
+def _sensations(files: tuple[tuple[str, Path, float], ...]) -> shared.EnumItems:
     """Enum items of readable sensations; the times of change in ``files`` are keys of the cache."""
     from ...authoring.effects import effect_exchange
 
@@ -85,8 +75,8 @@ def _sensations(files: tuple[tuple[str, Path, float], ...]) -> EnumItems:
     return [*shipped, *([("", "Your Own", ""), *own] if own else [])]
 
 
-@kept_items
-def sensation_items() -> EnumItems:
+@shared.kept_items
+def sensation_items() -> shared.EnumItems:
     """Enum items: built-in sensations, then files in the user's folder, reread after a change."""
     from ...authoring.effects import effect_exchange
 
@@ -96,7 +86,7 @@ def sensation_items() -> EnumItems:
     )
 
 
-class HFX_OT_add_from_library(HfxOperator):
+class HFX_OT_add_from_library(shared.HfxOperator):
     """Add a sensation from the library at the current frame"""
 
     bl_label = "Sensation"
@@ -118,7 +108,7 @@ class HFX_OT_add_from_library(HfxOperator):
         return f"Added '{sensation.name}'"
 
 
-class HFX_OT_load_effects(ImportOperator):
+class HFX_OT_load_effects(shared.ImportOperator):
     """Add the effects of a file at the current frame"""
 
     bl_label = "Load Effects"
@@ -132,7 +122,7 @@ class HFX_OT_load_effects(ImportOperator):
         return f"Added '{sensation.name}'"
 
 
-class HFX_OT_save_effects(HfxOperator, ExportHelper):
+class HFX_OT_save_effects(shared.HfxOperator, ExportHelper):
     """Save the selected effects to a file. Files in your folder of effects are listed in Add >
     Haptic > Sensation"""
 
@@ -165,7 +155,7 @@ class HFX_OT_save_effects(HfxOperator, ExportHelper):
 _IMPORTED = [info.suffix for info in FORMATS.values() if info.decode]
 
 
-class HFX_OT_import_hjif(ImportOperator, OnBodyOperator):
+class HFX_OT_import_hjif(shared.ImportOperator, shared.OnBodyOperator):
     """Add the channels of a file of haptics (MPEG HJIF, .haptic, AHAP ...) as painted effects, from
     the current frame on"""
 
@@ -182,14 +172,14 @@ class HFX_OT_import_hjif(ImportOperator, OnBodyOperator):
         objects, left_out, notes = hjif_import.import_hjif(
             context.scene,
             Path(self.filepath),
-            target_body(context),
+            shared.target_body(context),
             float(context.scene.frame_current),
         )
         for note in [*notes, *(f"left out {note}" for note in left_out)]:
             self.report({"WARNING"}, translated(printable(note[:1].upper() + note[1:])))
         if not objects:
             raise InputError(f"{self.filepath}: has nothing that can become an effect.")
-        select_only(context, *objects)
+        shared.select_only(context, *objects)
         return f"Added {', '.join(shortened([effect.name for effect in objects], 3))}"
 
 
@@ -219,7 +209,7 @@ class HFX_FH_haptics(_DroppedFile):
 copied_sensation = ""  # no clipboard in background mode
 
 
-class HFX_OT_copy_effects(HfxOperator):
+class HFX_OT_copy_effects(shared.HfxOperator):
     """Copy the selected effects with their clips to the clipboard"""
 
     bl_label = "Copy Effects"
@@ -233,7 +223,7 @@ class HFX_OT_copy_effects(HfxOperator):
         return f"Effects copied: {len(sensation.effects)}"
 
 
-class HFX_OT_paste_effects(HfxOperator):
+class HFX_OT_paste_effects(shared.HfxOperator):
     """Paste copied effects at the current frame, on the active body or the only body"""
 
     bl_label = "Paste Effects"

@@ -21,17 +21,7 @@ from ...authoring.paths import path_file, paths, skin_picking
 from ...blender.scene_info import animation_fps, metres_of
 from ...engine.modality import MODALITY_ITEMS
 from ...files import kinds
-from ..shared import (
-    IS_EDITABLE,
-    EnumItems,
-    HfxOperator,
-    ImportOperator,
-    OnBodyOperator,
-    active_effect,
-    kept_items,
-    select_only,
-    target_body,
-)
+from .. import shared
 
 _MIDDLE_OF_BACK = (0.0, 0.047, 1.25)
 _ON_SKIN_M = 0.03
@@ -48,14 +38,14 @@ INTERPOLATIONS = (
 
 def active_spot(context: bpy.types.Context) -> bpy.types.Object | None:
     """Active effect if a point on the skin; otherwise None."""
-    effect = active_effect(context)
+    effect = shared.active_effect(context)
     return effect if effect is not None and effect.hfx.kind == "SPOT" else None
 
 
 ON_SPOT = active_spot, "Select a point on the skin"
 
 
-class PathOperator(HfxOperator):
+class PathOperator(shared.HfxOperator):
     """Base of operators that need a point on the skin with a position."""
 
     requires = (
@@ -64,7 +54,7 @@ class PathOperator(HfxOperator):
             lambda context: active_spot(context).get(paths.PATH),
             "Place the point, or draw its path first",
         ),
-        IS_EDITABLE,
+        shared.IS_EDITABLE,
     )
 
 
@@ -84,7 +74,7 @@ def add_spot_at(
     return effect
 
 
-class HFX_OT_add_spot(OnBodyOperator):
+class HFX_OT_add_spot(shared.OnBodyOperator):
     """Add a point on the skin: a disc that can move along a path.
 
     Its position is the 3D cursor if near the body, otherwise the middle of the back
@@ -119,9 +109,9 @@ class HFX_OT_add_spot(OnBodyOperator):
         return self.execute(context)
 
     def work(self, context: bpy.types.Context) -> str:
-        body, name = target_body(context), self.name or None
+        body, name = shared.target_body(context), self.name or None
         effect = add_spot_at(context, self.modality, body, self.place, name)
-        select_only(context, effect)
+        shared.select_only(context, effect)
         return f"'{effect.name}' does not move; draw a path to move it"
 
 
@@ -156,7 +146,7 @@ class HFX_OT_mirror_path(PathOperator):
         if self.copy:
             effect = effects.duplicate(effect)
             effect.name = f"{active_spot(context).name} Mirrored"
-            select_only(context, effect)
+            shared.select_only(context, effect)
         paths.mirror(effect)
 
 
@@ -195,9 +185,9 @@ class HFX_OT_move_along_path(PathOperator):
         return f"{paths.length_m(effect):.2f} m in {self.seconds:g} s"
 
 
-@kept_items
+@shared.kept_items
 @cache
-def _ready_paths() -> EnumItems:
+def _ready_paths() -> shared.EnumItems:
     return [
         (stem, recipe.name, recipe.description)
         for stem, path in path_file.library().items()
@@ -212,11 +202,11 @@ def _apply(context: bpy.types.Context, recipe: path_file.PathRecipe) -> str:
     return f"'{recipe.name}': {length:.2f} m"
 
 
-class HFX_OT_path_from_library(HfxOperator):
+class HFX_OT_path_from_library(shared.HfxOperator):
     """Give the point a ready path"""
 
     bl_label = "Path from Library"
-    requires = (ON_SPOT, IS_EDITABLE)
+    requires = (ON_SPOT, shared.IS_EDITABLE)
 
     name: EnumProperty(name="Path", items=_ready_paths)
 
@@ -224,7 +214,7 @@ class HFX_OT_path_from_library(HfxOperator):
         return _apply(context, path_file.load_library(self.name))
 
 
-class HFX_OT_load_path(ImportOperator, OnBodyOperator):
+class HFX_OT_load_path(shared.ImportOperator, shared.OnBodyOperator):
     """Load a path file, with its motion if included, for the active point or a new point on the
     skin"""
 
