@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 _MOST_BEGUN: Final = 16
 """Largest number of effects in work: each holds weights of the skin within reach, at all rows."""
 
+_MOST_PREPARED: Final = 4
+"""Number of bodies with tables from the start: about 30 ms for each body with three models."""
+
 _SLOW: Final = (
     "without the compiled part of HFX, what volumes touch was computed by its definition, "
     "some 500 times as slowly (measured on the garage scene)"
@@ -50,7 +53,8 @@ class Engine:
     optional fields of samples, of ``ON_DEMAND`` and ``ON_DEMAND_HERE``; ValueError for another.
     ``models`` loads a perceptual model by id, on first use. ``tolerance`` is the accepted error;
     ``PAPER`` tests vertices only, other tolerances sample the skin. ``threads`` is the number of
-    worker threads for the compiled library, 1 without threading; results are equal.
+    worker threads for the compiled library, 1 without threading; results are equal. ``before`` is
+    the engine of an earlier description of the scene, whose models and skins are used further.
     """
 
     def __init__(
@@ -61,6 +65,7 @@ class Engine:
         models: Callable[[str], PerceptualModel] = load_model,
         tolerance: Tolerance = STANDARD,
         threads: int = 1,
+        before: Engine | None = None,
     ) -> None:
         self.scene = scene
         self.tolerance = tolerance
@@ -71,6 +76,8 @@ class Engine:
         if not fields <= allowed:
             raise ValueError(f"record: expected some of {sorted(allowed)}, got {record}")
         self._skins = BoundSkins(models, tolerance, self.counters)
+        if before is not None:
+            self._skins.keep(before._skins, scene.bodies)
         self.responses = Answering(scene)
         builder = SampleRunBuilder(scene, fields, self._skins, self.counters)
         self._egocentric = EgocentricAreas(builder)
@@ -91,6 +98,16 @@ class Engine:
         """Sentence for a report if volumes are evaluated without the compiled library; else
         empty."""
         return (_SLOW,) if self.scene.has_volumes and not library.is_there() else ()
+
+    def prepare(self) -> None:
+        """Compute the tables of skin that volumes may reach, of the first bodies of the scene, so
+        that no moment of a live scene waits for a table. Further bodies get theirs as they are
+        touched."""
+        if library.is_there():
+            volumes = [e for e in self.scene.effects if isinstance(e.area, HapticVolume)]
+            for model_id in sorted({volume.model_id for volume in volumes}):
+                for body in self.scene.bodies[:_MOST_PREPARED]:
+                    self._skins.of(body, model_id).fill()
 
     def evaluate(self, block: AnimationBlock) -> list[SampleRun]:
         """Samples of a block: a run for each effect and body with any sample, in the order of the

@@ -100,6 +100,16 @@ class FittedModel:
             model, vertices=self.vertices, bone_names=self.bone_names, weights=self.weights
         )
 
+    def is_moved_as(self, fitted: "FittedModel | None") -> bool:
+        """Test for equal vertices, bones and weights; anchors are not compared."""
+        if fitted is None or self.bone_names != fitted.bone_names:
+            return False
+        own, given = (
+            (fit.vertices, fit.weights.offsets, fit.weights.bones, fit.weights.values)
+            for fit in (self, fitted)
+        )
+        return all(map(np.array_equal, own, given))
+
 
 @dataclass(frozen=True, eq=False)
 class SkinBinding:

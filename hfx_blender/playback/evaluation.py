@@ -61,6 +61,7 @@ class Evaluation:
         key = (*key, self._described)
         if key == self._key:
             return
+        before = self.scene
         self.forget()
         # Stored before the attempt: a faulty scene is described again only after a change.
         self._key = key
@@ -73,6 +74,7 @@ class Evaluation:
                 tolerance,
                 with_positions=self.with_positions,
                 overrides=self.overrides,
+                before=before,
             )
         except HfxError as error:
             self.fault = str(error)

@@ -115,8 +115,9 @@ class LiveScene:
 
     ``layer`` holds the evaluated objects; ``with_positions`` adds positions to samples, for devices
     in a room. ``overrides`` are values in place of evaluated properties, by property and name of
-    the effect; the mapping is read at each moment. Raises InputError if the scene has no body or no
-    valid effect.
+    the effect; the mapping is read at each moment. ``before`` is an earlier description of the
+    scene, whose loaded models and skins are used further. Raises InputError if the scene has no
+    body or no valid effect.
     """
 
     def __init__(
@@ -127,6 +128,7 @@ class LiveScene:
         *,
         with_positions: bool = False,
         overrides: Overrides | None = None,
+        before: "LiveScene | None" = None,
     ) -> None:
         self.signature = signature_of(scene)
         haptics = scene_description.find(scene, layer)
@@ -145,7 +147,11 @@ class LiveScene:
         self.faults = self.objects.left_out
         self.tolerance = tolerance
         self.record = ("positions",) if with_positions else ()
-        self.engine = Engine(self.description, record=self.record, tolerance=tolerance)
+        engine = None if before is None else before.engine
+        self.engine = Engine(
+            self.description, record=self.record, tolerance=tolerance, before=engine
+        )
+        self.engine.prepare()
         self._reading = SteppedReading(self.objects, self.description, shapes)
         if overrides is not None:
             self._reading.overrides = overrides
