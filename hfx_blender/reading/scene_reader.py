@@ -96,7 +96,7 @@ class SceneReader:
         faults: dict[str, set[int]] = {}
         self.instances = instances.Instances(haptics, self.time, self._shapes, faults)
         haptics = replace(haptics, dormant={**haptics.dormant, **self.instances.asleep})
-        haptics = scene_description.without_absent(haptics, self.instances.source_names)
+        haptics = scene_description.without_absent(haptics, self.instances.sources)
         more = self.instances.descriptions
         is_keyed = any(visibility.is_keyed(body) for body in haptics.bodies)
         self._always_posed = with_positions or with_velocities or bool(more) or is_keyed
@@ -135,12 +135,14 @@ class SceneReader:
         states = dict(zip(haptics.effects, haptics.activations, strict=True))
         states |= self.instances.activations
         new, clip_warnings = unfelt.reasons(haptics.scene, self.time, states, haptics.dormant)
-        self.unfelt = {**{name: Unfelt(why) for name, why in haptics.gone.items()}, **new}
+        names = {**self.instances.names, **haptics.names}
+        gone = {effect: Unfelt(why) for effect, why in haptics.gone.items()}
+        self.unfelt = {names[effect]: why for effect, why in {**gone, **new}.items()}
         return (
             *clip_warnings,
             *missed_warnings(
-                (name, reason.reason)
-                for name, reason in new.items()
+                (names[effect], reason.reason)
+                for effect, reason in new.items()
                 if not (reason.is_expected or reason.is_warned)
             ),
             *unfelt.instanced(haptics.scene, layer),

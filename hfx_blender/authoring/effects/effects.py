@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -413,6 +414,12 @@ def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
         used.add(uid)
         ids[obj.name_full] = uid
     return ids
+
+
+def unique_names(objects: Collection[bpy.types.Object]) -> dict[bpy.types.Object, str]:
+    """Name of each object; the full name, with the library, of objects with the same name."""
+    counts = Counter(obj.name for obj in objects)
+    return {obj: obj.name if counts[obj.name] == 1 else obj.name_full for obj in objects}
 
 
 def store_unique_ids() -> None:

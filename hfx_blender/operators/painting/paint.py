@@ -17,19 +17,7 @@ from ...blender.translation import translated
 from ...engine.body.parts import REGIONS, SIDES
 from ...engine.modality import MODALITY_ITEMS
 from ...errors import InputError
-from .. import framing
-from ..shared import (
-    ARE_TARGETS_EDITABLE,
-    IS_EDITABLE,
-    EnumItems,
-    HfxOperator,
-    OnBodyOperator,
-    Requirement,
-    kept_items,
-    painted_effect,
-    select_only,
-    target_body,
-)
+from .. import framing, shared
 from . import paint_view
 
 if TYPE_CHECKING:
@@ -44,19 +32,19 @@ BLENDS = (
 _BLEND_TIP = "Combination of the new area with the old area"
 
 
-_ON_PAINTED: Requirement = painted_effect, "Select a painted effect"
+_ON_PAINTED: shared.Requirement = shared.painted_effect, "Select a painted effect"
 
 # A library override stores no ID properties, such as a painted area, as these have no fixed size.
-_IS_AREA_LOCAL: Requirement = (
-    lambda context: painted_effect(context).override_library is None,
+_IS_AREA_LOCAL: shared.Requirement = (
+    lambda context: shared.painted_effect(context).override_library is None,
     "The area belongs to a linked file. Choose Object > Relations > Make Local first",
 )
 
 
-class _PaintedOperator(HfxOperator):
+class _PaintedOperator(shared.HfxOperator):
     """Base of operators that change the active painted effect, during painting or not."""
 
-    requires = (_ON_PAINTED, IS_EDITABLE, _IS_AREA_LOCAL)
+    requires = (_ON_PAINTED, shared.IS_EDITABLE, _IS_AREA_LOCAL)
 
 
 def _covers(effect: bpy.types.Object, count: int) -> str:
@@ -69,7 +57,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
     bl_label = "Paint"
 
     def work(self, context: bpy.types.Context) -> str:
-        effect = painted_effect(context)
+        effect = shared.painted_effect(context)
         if not bpy.app.background and framing.viewport(context) is None:
             raise InputError("Painting needs a 3D viewport: go to a workspace that has one first.")
         # First: an area beyond repair is refused before the view changes.
@@ -79,7 +67,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
         # The avatar's own meshes would cover the canvas.
         paint_view.hide_others(context, canvas)
         # The NLA Editor shows the clips of selected objects.
-        select_only(context, canvas, effect)
+        shared.select_only(context, canvas, effect)
         if not bpy.app.background:
             paint_view.enter(context, canvas)
             framing.frame(context, [canvas])
@@ -93,7 +81,7 @@ class HFX_OT_paint_begin(_PaintedOperator):
         return "Paint, then press Finish Painting, or Finish, Add Clip"
 
 
-class HFX_OT_paint_end(HfxOperator):
+class HFX_OT_paint_end(shared.HfxOperator):
     """Apply the painted weights and show the avatar again"""
 
     bl_label = "Finish Painting"
@@ -109,15 +97,15 @@ class HFX_OT_paint_end(HfxOperator):
         count = painting.end(effect)
         paint_view.show(layers, hidden)
         paint_view.leave()
-        select_only(context, effect)
+        shared.select_only(context, effect)
         return _covers(effect, count)
 
 
 _SAVED = "saved:"  # begins an item of the list of parts
 
 
-@kept_items
-def part_items() -> EnumItems:
+@shared.kept_items
+def part_items() -> shared.EnumItems:
     """Body parts in columns by groups, and the user's own areas."""
     items = [("all", "Whole Body", "All of the skin")]
     for group in dict.fromkeys(region.group for region in REGIONS):
@@ -162,7 +150,7 @@ class HFX_OT_fill_part(_PaintedOperator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Of the tool: the part and side under the mouse, both sides with *Paint Both Sides*."""
         if self.is_under_mouse:
-            canvas = painting.canvas_of(painted_effect(context))
+            canvas = painting.canvas_of(shared.painted_effect(context))
             if canvas is None:
                 return {"PASS_THROUGH"}
             tree = BVHTree.FromObject(canvas, context.evaluated_depsgraph_get())
@@ -178,7 +166,7 @@ class HFX_OT_fill_part(_PaintedOperator):
         """Set part and side from a vertex of the model."""
         from ...engine.body.regions import region_at
 
-        model = effects.model_of(painted_effect(bpy.context))
+        model = effects.model_of(shared.painted_effect(bpy.context))
         side = SIDES[model.side[vertex]]
         self.part = region_at(model, vertex).id
         self.side = "both" if is_mirrored or side == "centre" else side
@@ -188,7 +176,7 @@ class HFX_OT_fill_part(_PaintedOperator):
 
         from ...engine.body import areas
 
-        effect = painted_effect(context)
+        effect = shared.painted_effect(context)
         before = painting.weights_of(effect)
         if self.is_cleared:  # the part alone is filled, then subtracted
             painting.set_weights(effect, np.zeros(len(before)))
@@ -203,7 +191,7 @@ class HFX_OT_fill_part(_PaintedOperator):
         return _covers(effect, count)
 
 
-class HFX_OT_add_on_part(OnBodyOperator):
+class HFX_OT_add_on_part(shared.OnBodyOperator):
     """Add an effect that covers a body part"""
 
     bl_label = "On a Body Part"
@@ -217,8 +205,8 @@ class HFX_OT_add_on_part(OnBodyOperator):
     )
 
     def work(self, context: bpy.types.Context) -> None:
-        body = target_body(context)
-        select_only(context, effects.add_painted(context.scene, self.modality, body))
+        body = shared.target_body(context)
+        shared.select_only(context, effects.add_painted(context.scene, self.modality, body))
         bpy.ops.hfx.fill_part(part=self.part)
 
 
@@ -236,7 +224,7 @@ class HFX_OT_set_area(_PaintedOperator):
             raise InputError(f"Area: expected a JSON object of weights by vertex ({error}).") from (
                 error
             )
-        effect = painted_effect(context)
+        effect = shared.painted_effect(context)
         effects.set_area(effect, list(stored), list(stored.values()))
         return _covers(effect, len(stored))
 
@@ -256,11 +244,11 @@ class HFX_OT_save_area(_PaintedOperator):
     )
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        self.name = painted_effect(context).name
+        self.name = shared.painted_effect(context).name
         return context.window_manager.invoke_props_dialog(self)
 
     def work(self, context: bpy.types.Context) -> str:
-        count = painting.save_area(painted_effect(context), self.name.strip())
+        count = painting.save_area(shared.painted_effect(context), self.name.strip())
         return f"'{self.name}' saved" if count else f"'{self.name}' is no longer listed"
 
 
@@ -295,7 +283,7 @@ class HFX_OT_area_filter(_PaintedOperator):
 
         from ...engine.body import areas
 
-        effect = painted_effect(context)
+        effect = shared.painted_effect(context)
         model = effects.model_of(effect)
         if self.action == "clear":  # also unreadable areas
             return _covers(effect, painting.set_weights(effect, np.zeros(len(model))))
@@ -326,7 +314,7 @@ class HFX_OT_area_mirror(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...engine.body import areas
 
-        effect = painted_effect(context)
+        effect = shared.painted_effect(context)
         model, weights = effects.model_of(effect), painting.weights_of(effect)
         if self.action == "flip":
             weights = areas.mirrored(model, weights)
@@ -367,7 +355,7 @@ class HFX_OT_area_from_image(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...authoring import picture_areas
 
-        effect = painted_effect(context)
+        effect = shared.painted_effect(context)
         picture = bpy.data.images.get(self.image)
         if picture is None:
             names = ", ".join(f"'{image.name}'" for image in bpy.data.images) or "none"
@@ -383,7 +371,7 @@ class HFX_OT_area_atlas(_PaintedOperator):
     bl_label = "Paint in 2D"
 
     def work(self, context: bpy.types.Context) -> str:
-        image = atlas_pictures.picture_of(painted_effect(context))
+        image = atlas_pictures.picture_of(shared.painted_effect(context))
         if not bpy.app.background:
             paint_view.show_picture(context, image)
         return f"Paint on '{image.name}' in the Image Editor"
@@ -401,7 +389,7 @@ class HFX_OT_area_from_selection(_PaintedOperator):
 
         from ...authoring import picture_areas
 
-        effect = painted_effect(context)
+        effect = shared.painted_effect(context)
         if painting.canvas_of(effect) is not None:
             weights = painting.selected_vertices(effect).astype(np.float64)
         else:
@@ -415,14 +403,14 @@ class HFX_OT_area_copy(_PaintedOperator):
     """Copy the area of the active effect to the other selected painted effects of any modality"""
 
     bl_label = "Copy Area to Selected"
-    requires = (_ON_PAINTED, ARE_TARGETS_EDITABLE)
+    requires = (_ON_PAINTED, shared.ARE_TARGETS_EDITABLE)
 
     blend: EnumProperty(name="Blend", description=_BLEND_TIP, items=BLENDS)
 
     def work(self, context: bpy.types.Context) -> str:
         from ...engine.body import areas
 
-        source = painted_effect(context)
+        source = shared.painted_effect(context)
         others = [
             obj
             for obj in context.selected_objects
@@ -451,16 +439,17 @@ class HFX_OT_area_keep(_PaintedOperator):
     requires = (
         (
             lambda context: (
-                painted_effect(context) and effects.has_other_area(painted_effect(context))
+                shared.painted_effect(context)
+                and effects.has_other_area(shared.painted_effect(context))
             ),
             "The area was painted for this model",
         ),
-        IS_EDITABLE,
+        shared.IS_EDITABLE,
         _IS_AREA_LOCAL,
     )
 
     def work(self, context: bpy.types.Context) -> str:
-        effect = painted_effect(context)
+        effect = shared.painted_effect(context)
         return _covers(effect, painting.transfer_area(effect))
 
 
@@ -473,7 +462,7 @@ class HFX_OT_effect_mirrored(_PaintedOperator):
     def work(self, context: bpy.types.Context) -> str:
         from ...engine.body import areas
 
-        effect = painted_effect(context)
+        effect = shared.painted_effect(context)
         if painting.canvas_of(effect) is not None:
             raise InputError("Finish painting first.")
         copy = effects.duplicate(effect)

@@ -62,7 +62,8 @@ class HapticObjects:
     simulation: Simulation | None = None
     left_out: tuple[str, ...] = ()  # warnings about faulty effects and bodies
     notes: tuple[str, ...] = ()  # about NaN or infinite keyframes
-    gone: Mapping[str, str] = field(default_factory=dict)  # excluded effect name -> reason
+    gone: Mapping[bpy.types.Object, str] = field(default_factory=dict)  # excluded effect -> reason
+    names: Mapping[bpy.types.Object, str] = field(default_factory=dict)  # unique, of all effects
     # Effects that are off at all read times, also sources of instances, with reasons; no other
     # values of them are read.
     dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
@@ -110,7 +111,8 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     bodiless = {e: effects.missing_body_reason(e) for e in sound if effects.needs_body(scene, e)}
     sound = {effect: texts for effect, texts in sound.items() if effect not in bodiless}
     muted = effects.muted_effects(shown)
-    warnings += _excluded((e.name, why) for e, why in bodiless.items() if e not in muted)
+    names = effects.unique_names(candidates)
+    warnings += _excluded((names[e], why) for e, why in bodiless.items() if e not in muted)
     if shown and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
         of_bodiless = (f"Effect '{e.name}' {why}; {_CURE}." for e, why in bodiless.items())
         raise _refusal((*faults.values(), *of_bodiless))
@@ -120,7 +122,7 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         activation.SILENCED if e in silent else activation.activation_of(e) for e in sound
     ]
     seen = {*shown}  # quick membership, for thousands of effects
-    gone = {effect.name: ABSENT for effect in candidates if effect not in seen}
+    gone = {effect: ABSENT for effect in candidates if effect not in seen}
     return HapticObjects(
         scene,
         layer,
@@ -130,7 +132,8 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         warnings,
         left_out=left_out,
         notes=soundness.non_finite_keyframes([*bodies, *sound]),
-        gone={**gone, **{e.name: why for e, why in bodiless.items()}, **_names_of(faults)},
+        gone={**gone, **bodiless, **_predicates(faults)},
+        names=names,
     )
 
 
@@ -221,11 +224,12 @@ def _shown_effects(
     raise InputError(f"Scene '{scene.name}': all of its haptic effects are disabled in viewports.")
 
 
-def without_absent(haptics: HapticObjects, instanced: Collection[str]) -> HapticObjects:
-    """Copy without reasons about excluded effects with instances, given by name: these effects are
-    felt at the instances."""
-    reasons = haptics.gone.items()
-    gone = {name: why for name, why in reasons if why != ABSENT or name not in instanced}
+def without_absent(
+    haptics: HapticObjects, instanced: Collection[bpy.types.Object]
+) -> HapticObjects:
+    """Copy without reasons about excluded effects with instances: these effects are felt at the
+    instances."""
+    gone = {e: why for e, why in haptics.gone.items() if why != ABSENT or e not in instanced}
     return replace(haptics, gone=gone)
 
 
@@ -300,9 +304,9 @@ def describe(
         effects=list(described),
         activations=[states[effect] for effect in described],
         left_out=(*haptics.left_out, *soundness.left_out(faults)),
-        gone={**haptics.gone, **_names_of(faults)},
+        gone={**haptics.gone, **_predicates(faults)},
     )
-    absent = ((name, why) for name, why in haptics.gone.items() if why == ABSENT)
+    absent = ((haptics.names[e], why) for e, why in haptics.gone.items() if why == ABSENT)
     warnings = [*_excluded(absent), *haptics.warnings, *valid.left_out]
     warnings += filter(None, map(body_binding.warning_of, haptics.bodies))
     for effect, description in described.items():
@@ -332,14 +336,14 @@ def describe(
     )
 
 
-def _names_of(faults: Mapping[bpy.types.Object, str]) -> dict[str, str]:
-    """Predicates about excluded objects by name, from messages by object: without a leading
-    "Effect 'name'", if a space follows; otherwise "has a fault: ..." with the rest."""
+def _predicates(faults: Mapping[bpy.types.Object, str]) -> dict[bpy.types.Object, str]:
+    """Predicates about excluded objects, from messages: without a leading "Effect 'name'", if a
+    space follows; otherwise "has a fault: ..." with the rest."""
     predicates = {}
     for obj, why in faults.items():
         rest = re.sub(rf"^[Ee]ffect '{re.escape(obj.name)}'", "", why.removesuffix("."))
         is_predicate = rest.startswith(" ")
-        predicates[obj.name] = rest.strip() if is_predicate else f"has a fault: {rest.lstrip(' :')}"
+        predicates[obj] = rest.strip() if is_predicate else f"has a fault: {rest.lstrip(' :')}"
     return predicates
 
 
@@ -369,7 +373,7 @@ def _describe_effect(
         area = response_values.volume_of(effect)
     return EffectDescription(
         id=ids[effect.name_full],
-        name=effect.name,
+        name=haptics.names[effect],
         modality=hfx.modality,
         model_id=effects.model_id_for(hfx.modality, haptics.bodies[0]),
         area=area,

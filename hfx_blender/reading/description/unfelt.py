@@ -80,14 +80,14 @@ def reasons(
     time: TimeBase,
     states: Mapping[bpy.types.Object, Activation],
     asleep: Mapping[bpy.types.Object, str],
-) -> tuple[dict[str, Unfelt], tuple[str, ...]]:
-    """Reasons by effect name why effects are not felt, and warnings about clips without samples;
+) -> tuple[dict[bpy.types.Object, Unfelt], tuple[str, ...]]:
+    """Reasons by effect why effects are not felt, and warnings about clips without samples;
     felt effects are missing. A lost clip counts before the reason in ``asleep`` (dormant effects),
     then missing strength. If frames of the scene are not exported, an effect that may be felt at
     the scene's frames is expected to be silent."""
     frames = frames_read(scene, time)
     whole = replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
-    unfelt_effects: dict[str, Unfelt] = {}
+    unfelt_effects: dict[bpy.types.Object, Unfelt] = {}
     lost: list[LostClip] = []
     for effect, state in states.items():
         own_lost = [*lost_clips(scene, time, effect, state)]
@@ -98,13 +98,13 @@ def reasons(
             # The warning about the clips says so already.
             are_between = all(clip.why == "between" for clip in own_lost)
             clipless = "that reaches a sample" if are_between else "within the frames of the scene"
-            unfelt_effects[effect.name] = Unfelt(f"has no clip {clipless}", is_warned=True)
+            unfelt_effects[effect] = Unfelt(f"has no clip {clipless}", is_warned=True)
         elif why is not None and state.source is ActivationSource.OFF:  # muted, not solo, clips off
-            unfelt_effects[effect.name] = Unfelt(why, is_expected=True)
+            unfelt_effects[effect] = Unfelt(why, is_expected=True)
         elif why is not None:
             is_part = is_partial(scene, time) and _may_be_felt_in_scene(scene, effect, state)
             reason = _ELSEWHERE if is_part and why != OFF else why
-            unfelt_effects[effect.name] = Unfelt(reason, is_part)
+            unfelt_effects[effect] = Unfelt(reason, is_part)
     return unfelt_effects, warnings_of_clips(lost, whole)
 
 

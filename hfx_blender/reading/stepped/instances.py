@@ -89,7 +89,8 @@ class Sources:
 
     New faults are added to ``faults``, message -> sample indices, in place. ``objects`` are the
     sources by full name, without muted, faulty and always silent volumes; with ``time`` also
-    without volumes that are off at all its samples, in ``asleep`` with reasons. ``warnings`` name
+    without volumes that are off at all its samples, in ``asleep`` with reasons. ``names`` are the
+    unique names of sources and effects of the scene, empty without sources. ``warnings`` name
     corrected values and excluded volumes, ``notes`` keyframes that are NaN or infinite.
     ``activations`` include muted volumes.
     """
@@ -129,11 +130,8 @@ class Sources:
         }
         self.objects = {name: sources[name] for name in self.states}
         self._ids = effects.unique_ids(list(self.objects.values()))
-        plain = [source.name for source in self.objects.values()]
-        self._names = {  # a library may have a volume of the same name
-            name: source.name if plain.count(source.name) == 1 else name
-            for name, source in self.objects.items()
-        }
+        # The scene, or another library, may have a volume of the same name.
+        self.names = effects.unique_names({**every, **sources}.values())
 
     def described(self, name: str) -> EffectDescription:
         """Description shared by the instances of the source with full name ``name``: unique id,
@@ -141,7 +139,7 @@ class Sources:
         source, hfx = self.objects[name], self.objects[name].hfx
         return EffectDescription(
             id=self._ids[name],
-            name=self._names[name],
+            name=self.names[source],
             modality=hfx.modality,
             model_id=effects.model_id_for(hfx.modality, self._found.bodies[0]),
             area=response_values.volume_of(source),
@@ -223,8 +221,8 @@ class Sources:
 
 class Instances:
     """All instances of a scene's haptic volumes over its own frames and the exported frames.
-    ``descriptions`` has an entry for each instance, sorted by key; warnings, notes, asleep and
-    activations as of :class:`Sources`. New faults are added to ``faults``, message -> sample
+    ``descriptions`` has an entry for each instance, sorted by key; warnings, notes, names, asleep
+    and activations as of :class:`Sources`. New faults are added to ``faults``, message -> sample
     indices, in place. Raises InputError for more than :data:`MOST` instances."""
 
     def __init__(
@@ -238,7 +236,12 @@ class Instances:
         self._faults = faults
         self._sources = Sources(found, shapes, faults, time)
         self.warnings, self.notes = self._sources.warnings, self._sources.notes
-        self.asleep, self.activations = self._sources.asleep, self._sources.activations
+        sources = self._sources
+        self.asleep, self.activations, self.names = (
+            sources.asleep,
+            sources.activations,
+            sources.names,
+        )
         self._found = replace(found, dormant={**found.dormant, **self.asleep})
         self._keys: tuple[Key, ...] = ()
         self._last: dict[int, dict[Key, EffectRow]] = {}  # by index of the last samples
@@ -284,9 +287,9 @@ class Instances:
         )
 
     @property
-    def source_names(self) -> set[str]:
-        """Names of the volumes with instances."""
-        return {self._sources.objects[name].name for name, _, _ in self._keys}
+    def sources(self) -> set[bpy.types.Object]:
+        """Volumes with instances."""
+        return {self._sources.objects[name] for name, _, _ in self._keys}
 
     def stepper(self) -> stepping.Stepping:
         """Context that steps the user's own scene, to be given to :meth:`extended`."""
