@@ -285,7 +285,8 @@ def describe(
     for effect, description in described.items():
         is_posed = description.kind == "volume" or always_posed
         if description.model_id not in posed and is_posed and effect not in haptics.dormant:
-            posed |= {description.model_id} if states[effect].may_be_on(frames).any() else set()
+            if states[effect].may_be_on(frames).any():
+                posed.add(description.model_id)
     bindings, unbound = soundness.without_faulty(
         haptics.bodies, lambda body: body_binding.binding_of(body, posed)
     )
