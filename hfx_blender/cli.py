@@ -3,6 +3,7 @@
 
 import argparse
 import os
+import re
 import sys
 import tempfile
 import traceback
@@ -30,6 +31,19 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         # Abbreviated options would change meaning with a new option.
         super().__init__(**settings, allow_abbrev=False)
+        # Values may begin with a minus: --frames -10:20.
+        self._negative_number_matcher = re.compile(r"-[\d.]")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        """Parse arguments; a positional argument of several values also takes those after options,
+        as in ``a.blend -o DIR b.blend``, which argparse returns as unknown."""
+        options, unknown = super().parse_known_args(args, namespace)
+        several = [action for action in self._actions if action.nargs in ("+", "*")]
+        if several and not any(text.startswith("-") for text in unknown):
+            values = getattr(options, several[0].dest)
+            values += map(several[0].type or str, unknown)
+            unknown = []
+        return options, unknown
 
     def error(self, message: str) -> NoReturn:
         self.print_usage(sys.stderr)
@@ -66,7 +80,7 @@ def run(arguments: Sequence[str], prog: str = "hfx") -> int:
         names = arguments[:1] if arguments[:1] and arguments[0] in left_out.COMMANDS else None
         parser = build_parser(prog, names or left_out.COMMANDS)
         process_end.check()
-        options = parser.parse_args(_joined_ranges(arguments))
+        options = parser.parse_args(arguments)
         # Blender prints reports of operators to Python's standard output.
         with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
             has_largest = "largest" in options
@@ -143,21 +157,6 @@ def defect(console: Console) -> int:
 
 
 _RESULTS = ("output", "target", "report", "history")
-
-_MAY_BE_NEGATIVE = ("--frames", "--from", "--to", "--height", "--loudspeakers")
-
-
-def _joined_ranges(arguments: Sequence[str]) -> list[str]:
-    """Join ``--frames -10:20`` into a single argument; argparse would read the range as an
-    option."""
-    joined: list[str] = []
-    for argument in arguments:
-        if joined and joined[-1] in _MAY_BE_NEGATIVE:
-            joined[-1] += f"={argument}"
-        else:
-            joined.append(argument)
-    return joined
-
 
 # In an installed Blender: ``blender scene.blend --command hfx export ...``
 
