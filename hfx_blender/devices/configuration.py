@@ -72,7 +72,7 @@ def named_in_blend(name: str) -> str:
 def is_file(name_or_path: str | Path) -> bool:
     """Test for an argument that :func:`load_device` reads as a file, not as a name: a ``Path``, or
     text with ``/``, ``\\`` or the suffix ``.json``. The file need not exist."""
-    text = str(name_or_path)
+    text = str(name_or_path).lower()
     return isinstance(name_or_path, Path) or text.endswith(SUFFIX) or "/" in text or "\\" in text
 
 

@@ -73,7 +73,9 @@ def convert(
 
     The suffix of ``target`` selects the format, unless ``to``, an id in ``TARGETS``, is given. A
     format with a file per actuator appends the actuator's name to the file name, unless the source
-    holds a single signal. Files that ``validate`` would reject are not written.
+    holds a single signal, or the device has a single vibration actuator. Upper case in the suffix
+    stays, except for files that refer to each other by name (HJIF and its models). Files that
+    ``validate`` would reject are not written.
 
     ``device`` is a name or a file: required for device formats of tracks and rasters, and for
     envelopes in formats of a whole device (csv, npz, wav, tact). With a device, envelopes become
@@ -92,16 +94,20 @@ def convert(
     if to is not None:
         refuse_unknown((to,), "--to", TARGETS)
     info = target_of(target) if to is None else FORMATS[to]
-    stem = target.name.removesuffix(info.suffix) or target.name
+    has_suffix = target.name.lower().endswith(info.suffix) and target.name.lower() != info.suffix
+    stem = target.name[: -len(info.suffix)] if has_suffix else target.name
     if not target.parent.is_dir():
         raise OutputError(f"{target.parent}: cannot be written to (there is no such folder).")
     # Files are checked in the staging folder, and get final names only if all are valid.
     with inputs_kept([source]), staging(target.parent, "hfx") as stage:
-        if source.suffix == TRACK_SUFFIX:
+        is_track, is_of_track = source.suffix.lower() == TRACK_SUFFIX, bool(info.write_track)
+        if is_track:
             written = _of_track(source, info, stage / stem, device, body, tolerance)
         else:
             written = _of_file(source, info, stage / stem, device, tolerance, sound)
-        is_track, is_of_track = source.suffix == TRACK_SUFFIX, bool(info.write_track)
+        named = target.with_name(stem + info.suffix)
+        if has_suffix and ".glb" not in info.companions:
+            written, named = _renamed(written, named.name, target.name), target
         notes = []
         if body is not None and not is_track:
             notes.append("--body says nothing here: the file is of no body")
@@ -115,7 +121,7 @@ def convert(
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
         finals = [target.parent / path.name for path in written.files]
-        _refuse_foreign_files(finals, target.with_name(stem + info.suffix))
+        _refuse_foreign_files(finals, named)
         files = place(written.files, target.parent)
     return replace(written, files=files)
 
@@ -149,7 +155,7 @@ def _of_track(
         if target.write_played:
             written = target.function("write_played")(track.header, rendered.played, stem, None)
         else:
-            written = write(target.id, raster, config, stem, tolerance)
+            written = _write(target, raster, config, stem, tolerance)
     return written + Written(left_out=rendered.warnings, notes=rendered.notes)
 
 
@@ -183,7 +189,7 @@ def _of_file(
     config = _device(device, target) if needs_device or device is not None else None
     if info.read_raster:
         assert config is not None
-        return write(target.id, _raster(source, info, config), config, stem, tolerance)
+        return _write(target, _raster(source, info, config), config, stem, tolerance)
     signals, frequencies = (
         _of_sound(source, sound or SoundSettings(), config, target)
         if is_sound
@@ -233,13 +239,26 @@ def _of_sound(
     return [replace(signal, notes=(*notes, *signal.notes))], settings.frequencies
 
 
+def _write(
+    target: FormatInfo, raster: Raster, device: DeviceConfig, stem: Path, tolerance: float
+) -> Written:
+    """Write the output of a device; a single vibration actuator has the requested file name."""
+    written = write(target.id, raster, device, stem, tolerance)
+    vibrating = [each.id for each in device.actuators if each.type.modality == "vibration"]
+    return _without_part(written, stem, vibrating[0]) if len(vibrating) == 1 else written
+
+
 def _without_part(written: Written, stem: Path, part: str) -> Written:
     """Rename the files ``stem.part.suffix`` to ``stem.suffix``, the name that was requested for a
     single signal; further files keep their names."""
-    long = part_path(stem, part, "").name
+    return _renamed(written, f"{part_path(stem, part, '').name}.", f"{stem.name}.")
+
+
+def _renamed(written: Written, old: str, new: str) -> Written:
+    """Rename the files whose names begin with ``old`` to begin with ``new``."""
     files = tuple(
-        path.replace(path.with_name(stem.name + path.name.removeprefix(long)))
-        if path.name.startswith(f"{long}.")
+        path.replace(path.with_name(new + path.name.removeprefix(old)))
+        if path.name.startswith(old) and old != new
         else path
         for path in written.files
     )
@@ -270,7 +289,7 @@ def _played(
             "what to play, not what is felt",
         )
     notes = (*_lost_credits(signals[0].credits, target, frozenset(), source), *notes)
-    return write(target.id, raster, device, stem, tolerance) + Written((), left_out, notes)
+    return _write(target, raster, device, stem, tolerance) + Written((), left_out, notes)
 
 
 def _lost_credits(
@@ -289,9 +308,9 @@ def _refuse_invalid(source: Path, path: Path, final: Path) -> None:
     """Raise InputError for a written file that our own validation rejects. Tables and sound files
     above ``_READ_AGAIN`` bytes are not read again: their rows were checked before writing."""
     size = path.stat().st_size
-    if not path.name.endswith(wav.SUFFIX):  # readers load the header only
+    if not path.name.lower().endswith(wav.SUFFIX):  # readers load the header only
         limits.MEMORY.check(size, str(final), "it would have")
-    if size > _READ_AGAIN and path.name.endswith(_BY_ROWS):
+    if size > _READ_AGAIN and path.name.lower().endswith(_BY_ROWS):
         return
     fault = fault_of(path)
     if fault:
@@ -345,7 +364,9 @@ def _refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
     for path in files:
         if path == target or not path.is_file():
             continue
-        starts = (info.own_start for info in FORMATS.values() if path.name.endswith(info.suffix))
+        starts = (
+            info.own_start for info in FORMATS.values() if path.name.lower().endswith(info.suffix)
+        )
         start = next(filter(None, starts), None)
         head = b""  # an unreadable file counts as another program's
         with suppress(OSError), path.open("rb") as file:
@@ -358,12 +379,12 @@ def _refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
 
 
 def target_of(path: Path) -> FormatInfo:
-    """Return the writable format whose suffix ends an output path, case-sensitive; the longest
-    suffix wins. Raises UsageError for an unknown suffix, and for a name of only a suffix."""
+    """Return the writable format whose suffix ends an output path, in any case; the longest suffix
+    wins. Raises UsageError for an unknown suffix, and for a name of only a suffix."""
     # ".v1.he" ends with ".he", too: the longest suffix wins.
     targets = [FORMATS[id] for id in TARGETS]
     for info in sorted(targets, key=lambda each: -len(each.suffix)):
-        if path.name.endswith(info.suffix) and path.name != info.suffix:
+        if path.name.lower().endswith(info.suffix) and path.name.lower() != info.suffix:
             return info
     suffixes = ", ".join(target.suffix for target in targets)
     raise UsageError(f"{path}: its suffix names no format; there are {suffixes}, or say --to")

@@ -61,21 +61,22 @@ def run(options: argparse.Namespace, console: Console) -> int:
     readers = {".blend": _blend, ".hfxtrack": _track, ".npz": _model, ".json": _device}
     path: Path = options.file
     refuse_no_file(path)
+    suffix = path.suffix.lower()
     # .json, .npz and .glb stand for several kinds each: the full name or the content decides.
     if own := kind_of(path):
-        readers[path.suffix] = own.facts
-    elif path.suffix != ".hfxtrack" and is_known(path):
+        readers[suffix] = own.facts
+    elif suffix != ".hfxtrack" and is_known(path):
         # Imported for these files alone: the readers of all formats take a tenth of a second.
         from ..formats.facts import facts_of
 
-        readers[path.suffix] = facts_of
-    if path.suffix not in readers:
+        readers[suffix] = facts_of
+    if suffix not in readers:
         raise InputError(
             f"{path}: '{path.suffix}' is not a known suffix; known are {', '.join(readers)} and "
             "the formats of hfx export."
         )
     with console.reading(path):
-        facts = readers[path.suffix](path)
+        facts = readers[suffix](path)
     # Names in files may contain control characters.
     console.say("\n".join(map(printable, _lines(facts, 0))), several_lines=True)
     console.result(facts)

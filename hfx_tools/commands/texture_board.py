@@ -25,7 +25,7 @@ def add_parser(actions: Any) -> None:
 
 def run(options: argparse.Namespace, console: Console) -> int:
     """Build the example and save its file; returns 0."""
-    if options.output.suffix != ".blend":
+    if options.output.suffix.lower() != ".blend":
         raise UsageError(f"{options.output}: expected a name ending in .blend")
     check_folder(options.output)
     blender_session.start()

@@ -131,13 +131,12 @@ def read(options: argparse.Namespace) -> TextureSource:
         # Procedural materials need 16 texels; the option allows 8, for pictures.
         field, roughness = MATERIALS[name].make(max(options.resolution, 16), options.seed)
         return _built(name, field, roughness, (), options)
-    if name.endswith(TEXTURE_MAP_SUFFIX):
+    if name.lower().endswith(TEXTURE_MAP_SUFFIX):
         from hfx_blender.formats.pictures import texture_map
 
-        return TextureSource(
-            path.name.removesuffix(TEXTURE_MAP_SUFFIX), texture_map.read(path), None
-        )
-    if path.suffix == ".blend":
+        stem = path.name[: -len(TEXTURE_MAP_SUFFIX)]
+        return TextureSource(stem, texture_map.read(path), None)
+    if path.suffix.lower() == ".blend":
         return _object(path, options)
     if not path.is_file():
         if path.exists():

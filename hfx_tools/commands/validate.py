@@ -58,7 +58,7 @@ def _known_in(folder: Path) -> list[Path]:
         for path in sorted(folder.rglob("[!.]*"))
         if (path.is_file() or not path.exists())  # a broken link does not exist
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
-        and (kind_of(path) or path.name.endswith(read_whole) or is_known(path))
+        and (kind_of(path) or path.name.lower().endswith(read_whole) or is_known(path))
     ]
     if not files:
         raise InputError(f"{folder}: holds no file of a format that is known here.")

@@ -163,6 +163,54 @@ def test_a_single_signal_gets_exactly_the_name_that_was_asked_for(tmp_path):
     assert all(path.is_file() for path in written.files)
 
 
+@pytest.mark.parametrize("target", [id for id in ENVELOPES if id != "tact"])
+def test_a_device_of_one_actuator_gets_exactly_the_name_that_was_asked_for(tmp_path, target):
+    for source in ("csv", "openxr"):
+        for device, expected in (("phone_lra", 1), ("oculus_touch", 2)):
+            config = load_device(device)
+            made = writing.write(
+                source, raster_for(config), config, tmp_path / f"{source}-{device}"
+            )
+            name = f"y{FORMATS[target].suffix}"
+            written = convert(made.files[0], tmp_path / name, device=device)
+            names = [path.name for path in written.files]
+            assert all(path.is_file() for path in written.files)
+            if expected == 1 or target in ("hjif", "openxr"):
+                assert names == [name]
+            else:
+                suffix = FORMATS[target].suffix
+                assert names == [f"y.left{suffix}", f"y.right{suffix}"]
+
+
+def test_a_suffix_of_a_target_keeps_its_case(tmp_path):
+    device = load_device("phone_lra")
+    (source,) = writing.write("csv", raster_for(device), device, tmp_path / "x").files
+    for name, others in (
+        ("Y.HE", []),
+        ("Y.V1.He", []),
+        ("Y.WAV", ["Y.WAV.channels.json"]),
+        ("Y.CSV", []),
+        ("Y.OpenXR.json", []),
+    ):
+        written = convert(source, tmp_path / name, device="phone_lra")
+        assert [path.name for path in written.files] == [name, *others]
+        assert convert(source, tmp_path / name, device="phone_lra").files == written.files
+    # The model names the file that it belongs to.
+    with track_of(tmp_path, "vibration", "painted", BEAT) as track:
+        upper = track.path.rename(tmp_path / "T.HFXTRACK")
+    names = [path.name for path in convert(upper, tmp_path / "Z.HJIF").files]
+    assert names == ["Z.hjif", "Z.hfx-vibration-1.glb"]
+    assert convert(tmp_path / "Y.HE", tmp_path / "a.ahap").files == (tmp_path / "a.ahap",)
+
+
+def test_ticks_are_found_beside_a_pattern_in_upper_case(tmp_path):
+    ticking = signal([0, 1, 0.5, 0], transients=[Transient(0.01, 0.9, 100.0)])
+    haptic.write([ticking], RANGE, tmp_path / "x")
+    convert(tmp_path / "x.r1c1.haptic", tmp_path / "Y.AHAP")
+    (actual,), _ = files.read_signals(tmp_path / "Y.AHAP")
+    assert [tick.time_s for tick in actual.transients] == [0.01]
+
+
 @pytest.mark.parametrize("target", ["csv", "raster.npz", "wav", "tact", "ahap"])
 def test_one_signal_is_played_by_all_vibration_actuators_of_a_device(tmp_path, target):
     """A ramp of 1 s at 120 Hz reaches half of each actuator's maximum in the middle."""

@@ -348,8 +348,8 @@ def with_companion_ticks(path: Path, signals: list[Signal]) -> list[Signal]:
     """Add the ticks of ``<name>.transients.ahap`` in the same folder to the first signal, by time.
     Without this file, and for such a file itself, the signals are returned unchanged. An envelope
     of the companion is reported in ``left_out``. Raises InputError for an unreadable companion."""
-    companion = path.with_name(path.name.removesuffix(SUFFIX) + TICKS_SUFFIX)
-    if path.name.endswith(TICKS_SUFFIX) or not companion.is_file():
+    companion = path.with_name(path.name[: -len(SUFFIX)] + TICKS_SUFFIX)
+    if path.name.lower().endswith(TICKS_SUFFIX) or not companion.is_file():
         return signals
     (ticking,), _ = decode(read_bytes(companion), str(companion))
     left_out, signal = ticking.left_out, signals[0]

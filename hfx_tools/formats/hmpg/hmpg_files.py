@@ -47,7 +47,7 @@ def validate(content: bytes, name: str) -> list[Finding]:
 def document_at(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Read the HJIF document of a ``.hmpg`` or ``.hjif`` file, and sentences about content that was
     not read; InputError for a damaged file."""
-    read = decode if path.name.endswith(SUFFIX) else hjif_reader.decode
+    read = decode if path.name.lower().endswith(SUFFIX) else hjif_reader.decode
     return read(read_bytes(path), str(path))
 
 
