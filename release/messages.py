@@ -24,7 +24,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "hfx_blender"
 LANGUAGES = ("de", "ja")
 _UNSEEN = (
     *("commands", "engine/reference", "engine/native", "export/batch", "devices/workers"),
-    *("cli.py", "__main__.py", "blender/blend_paths.py"),
+    *("cli.py", "__main__.py", "files/blend_paths.py"),
 )
 """Parts of the package whose texts Blender never shows."""
 

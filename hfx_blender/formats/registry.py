@@ -61,7 +61,8 @@ class FormatInfo:
     why_nothing: str = ""  # (device) -> str: why no output can be stored; empty: some can
     check: str = ""  # (content, name) -> list of Finding, for files of any program
     unchecked: str = ""  # rules that check omits, shown with its verdict
-    # (path): validates a file that is large or needs companions; InputError for the first fault.
+    # (path) -> list of Finding, warnings alone: reads a file that is large or needs companions;
+    # InputError for the first fault.
     read: str = ""
     decode: str = ""  # (content, name) -> (signals, frequencies): vibration envelopes
     read_raster: str = ""  # (path) -> Raster

@@ -68,7 +68,8 @@ def open_blend(path: Path) -> None:
     if path.suffix.lower() == ".json":
         raise InputError(f"{path}: is {title_of(path)}; expected a .blend file.")
     bpy = start()
-    from ..blender import blend_paths, linked_files
+    from ..blender import linked_files
+    from ..files import blend_paths
 
     # A link to a pipe or device would hang Blender.
     blend_paths.refuse_endless(path)  # Blender reads linked files while opening the file

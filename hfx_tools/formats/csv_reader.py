@@ -28,8 +28,13 @@ _MAX_COLUMNS: Final = 100_000
 
 
 def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the first fault of a file as a finding, or none."""
-    return raster_rules.decoding_findings("CSV", decode, content, name)
+    """Return the first fault of a file as a finding, or else a warning for a last line without an
+    end: a file cut within its last number has none."""
+    findings = raster_rules.decoding_findings("CSV", decode, content, name)
+    if not findings and not content.endswith((b"\n", b"\r")):
+        message = "the last line has no line end: the file may be cut within a number"
+        findings.append(Finding("CSV-END", "", message, "warning"))
+    return findings
 
 
 def read(path: Path) -> Raster:

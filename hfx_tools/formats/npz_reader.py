@@ -25,6 +25,7 @@ from hfx_blender.files.strict_json import parse, read_data
 from hfx_blender.formats.rasters.npz_raster import FELT_ARRAYS, FORMAT, SIZE_WORDS
 
 from . import raster_rules
+from .whole_zip import excess_of
 
 _MOST_ENTRIES: Final = 10_000
 _META: Final = 64 << 20
@@ -85,7 +86,9 @@ def facts(path: Path) -> dict[str, Any]:
 def decode(content: bytes, name: str) -> Raster:
     """Decode a raster archive; InputError, with ``name``, for another or damaged file."""
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        with io.BytesIO(content) as file, zipfile.ZipFile(file) as archive:
+            if excess := excess_of(archive, file):
+                raise ValueError(excess)
             return _decoded(archive, name)
     except NPZ_DAMAGE as error:
         raise InputError(f"{name}: not a raster archive, or damaged ({error}).") from error

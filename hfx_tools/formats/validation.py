@@ -24,13 +24,12 @@ def validate(path: Path) -> tuple[FormatInfo, list[Finding]]:
     refuse_no_file(path)
     # Formats with ``read`` are large files, or files with companions.
     for info in FORMATS.values():
-        if info.read and path.name.endswith(info.suffix):
+        if info.read and path.name.lower().endswith(info.suffix):
             try:
-                info.function("read")(path)
+                return info, info.function("read")(path)
             except InputError as error:
                 code = f"{info.id.upper()}-CONTENT"
                 return info, [replace(failure(info, error, path), code=code)]
-            return info, []
     info = format_of(path)
     findings = findings_of(info, path)
     if info.decode and not any(finding.severity == "error" for finding in findings):

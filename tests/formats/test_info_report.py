@@ -138,7 +138,7 @@ def test_a_folder_is_checked_recursively(tmp_path, capsys):
     assert {name: item["is_valid"] for name, item in actual.items()} == {
         "x.haptic": False,
         "chart.svg": True,
-        "scene.blend": True,
+        "scene.blend": False,  # no block follows its first bytes
     }
     (tmp_path / "chart.svg").write_text("<svg><g></svg>")
     (tmp_path / "scene.blend").write_bytes(b"something")

@@ -69,6 +69,7 @@ class _Stream:
         self._lost: Counter[str] = Counter()
         self._count = 0  # effects and keyframes
         self._time = 0  # ticks
+        self._is_back = False  # the current start is before the end of earlier units
         self._timescale = 0  # 0: not stated yet
         self._root: dict[str, Any] = {}
         self._syncs: list[dict[str, int]] = []
@@ -156,7 +157,8 @@ class _Stream:
 
     def _initial_timing(self, bits: BitReader) -> None:
         """Time and ticks a second. Durations that follow are for the planning of players."""
-        self._time, timescale = bits.take(32), bits.take(32)
+        time, timescale = bits.take(32), bits.take(32)
+        self._is_back, self._time = time < self._time, time
         if not timescale:
             raise InputError(f"{bits.place} has 0 ticks a second, expected is 1 or more.")
         self._timescale = timescale
@@ -322,6 +324,10 @@ class _Stream:
             modality = perception["perception_modality"]
             self._lost[f"packets of effects over space ({modality}) were not read"] += 1
             return
+        # In a stream that is there twice, the second copy continues the effects of the first.
+        self._lost["packets are of a time that was over: effects may be there twice"] += (
+            self._is_back
+        )
         count = bits.take(16)
         if band["band_type"] == "WaveletWave":
             if count:

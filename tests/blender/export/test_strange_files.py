@@ -21,8 +21,8 @@ import numpy as np
 import pytest
 
 from hfx_blender import cli
-from hfx_blender.blender import blend_paths
 from hfx_blender.errors import InputError
+from hfx_blender.files import blend_paths
 from hfx_blender.files.hashes import NOT_READ, is_elsewhere, state_of
 
 bpy = pytest.importorskip("bpy")

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
 from ..errors import InputError, is_endless
-from ..files.hashes import is_elsewhere
+from .hashes import is_elsewhere
 
 _TITLES: Final = {
     "Library": "library",
@@ -40,11 +40,15 @@ _PACKED: Final = ("*packedfile", "packedfiles")
 _LARGEST: Final = 1 << 24
 """Largest size of a parsed block, bytes: ten times that of DNA1."""
 
-_FAULTS: Final = (
-    *(OSError, EOFError, ValueError, LookupError, StopIteration),
-    *(struct.error, zlib.error, ImportError),
-)
-"""Errors of reading a damaged file, or a compressed one without its decompressor."""
+
+def faults() -> tuple[type[Exception], ...]:
+    """Errors of reading a damaged file, or a compressed one without its decompressor."""
+    expected = (OSError, EOFError, ValueError, LookupError, StopIteration, struct.error, zlib.error)
+    with suppress(ImportError):  # bundled with Blender, except by some Linux distributions
+        import zstandard
+
+        return (*expected, zstandard.ZstdError)
+    return (*expected, ImportError)
 
 
 def refuse_endless(blend: Path, checked: set[Path] | None = None) -> None:
@@ -66,23 +70,18 @@ def refuse_endless(blend: Path, checked: set[Path] | None = None) -> None:
 
 def _paths_of(blend: Path) -> list[tuple[str, Path]]:
     """Structure name and absolute path of each unpacked file of a .blend; empty if unreadable."""
-    faults: tuple[type[Exception], ...] = _FAULTS
-    with suppress(ImportError):  # bundled with Blender, except by some Linux distributions
-        import zstandard
-
-        faults = (*faults, zstandard.ZstdError)
     try:
-        with _opened(blend) as file:
-            dna = next(content for code, _, content in _blocks(file, ()) if code == b"DNA1")
-        structures = _structures(dna)
-        with _opened(blend) as file:
+        with opened(blend) as file:
+            dna = next(content for code, _, content in blocks(file, ()) if code == b"DNA1")
+        structures = structures_of(dna)
+        with opened(blend) as file:
             paths = [
                 (structures[number].kind, os.fsdecode(raw))
-                for code, number, content in _blocks(file, structures)
+                for code, number, content in blocks(file, structures)
                 if code != b"DNA1"
                 for raw in _raw_paths(content, structures[number])
             ]
-    except faults:
+    except faults():
         return []
     folder = os.path.dirname(os.path.abspath(blend))
     # A path that begins with // is relative to the folder of the .blend.
@@ -90,7 +89,7 @@ def _paths_of(blend: Path) -> list[tuple[str, Path]]:
     return [(kind, Path(os.path.normpath(path))) for kind, path in stored]
 
 
-def _opened(blend: Path) -> BinaryIO:
+def opened(blend: Path) -> BinaryIO:
     """Open a .blend for reading, decompressed if gzip or Zstandard by its first bytes."""
     file = blend.open("rb")
     start = file.read(4)
@@ -103,7 +102,7 @@ def _opened(blend: Path) -> BinaryIO:
     return gzip.GzipFile(fileobj=file) if start[:2] == b"\x1f\x8b" else file  # type: ignore[return-value]
 
 
-def _blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes, int, bytes]]:
+def blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes, int, bytes]]:
     """Yield code, structure number and content of DNA1 and of blocks of the given structures,
     without blocks above ``_LARGEST``. ValueError for an unknown format or a damaged block."""
     magic = _exactly(file, 12)
@@ -122,8 +121,8 @@ def _blocks(file: BinaryIO, structures: Container[int]) -> Iterator[tuple[bytes,
         code, number, size = fields(unpack(read(width)))
         if code == b"ENDB":
             return
-        if size < 0:
-            raise ValueError("negative block size")
+        if size < 0 or not code[:2].isalnum():
+            raise ValueError("no code or size of a block")
         if code == b"DNA1" or (number in structures and size <= _LARGEST):
             yield code, number, _exactly(file, size)
         # Decompressed streams cannot seek: unused blocks are read and dropped.
@@ -151,7 +150,7 @@ class _Structure(NamedTuple):
     packed: list[int]  # offsets of pointers that are non-zero for a packed file
 
 
-def _structures(dna: bytes) -> dict[int, _Structure]:
+def structures_of(dna: bytes) -> dict[int, _Structure]:
     """Layouts of the structures named in :data:`_TITLES`, by number, from the content of DNA1;
     paths are char arrays of 768 bytes or more."""
     # SDNA: names of fields, names of types, sizes of types, then structures by number.
