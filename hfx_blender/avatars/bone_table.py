@@ -17,12 +17,13 @@ import bpy
 from ..blender import compat
 from ..engine.body.rigs.mapping import BoneMapping, from_json, map_bones, to_json, with_corrections
 from ..engine.body.rigs.rig import canonical_parents
-from ..errors import InputError, refuse_no_file
+from ..errors import InputError
 from ..files.atomic import atomic_file
+from ..files.strict_json import read_bytes
 from .avatar_meshes import read_bones, skin_by_bone
 
 BY_HAND = "by hand"  # convention of a mapping that was not found automatically
-_LARGEST_FILE = 4_000_000
+_LARGEST_FILE = 4 << 20  # bytes
 
 _ADD_ON: Final = "vrm_addon_extension"
 _EXTENSIONS: Final = ("VRMC_vrm", "VRM")
@@ -119,16 +120,10 @@ def load(armature: bpy.types.Object, path: Path) -> list[str]:
     Raises InputError: the file is unreadable, is no bone mapping, or maps none of this armature's
     bones. The table is unchanged.
     """
-    refuse_no_file(path)
+    content = read_bytes(path, _LARGEST_FILE)
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise InputError(
-                f"{path}: {path.stat().st_size} bytes are too many for a bone mapping."
-            )
         # Text editors may have added a byte order mark.
-        mapping = from_json(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from error
+        mapping = from_json(content.decode("utf-8-sig"))
     except (UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path}: is no bone mapping (not a JSON text).") from error
     except InputError as error:

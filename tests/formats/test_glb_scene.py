@@ -32,6 +32,7 @@ from hfx_blender.engine.volume.mesh import MeshVolume
 from hfx_blender.engine.volume.shape import Falloff
 from hfx_blender.formats.glb import glb, glb_scene
 from hfx_blender.formats.pictures import png
+from hfx_tools.formats import glb_rules
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs/formats/scene-volume.schema.json"
 
@@ -73,7 +74,7 @@ def recorded(shape, matrices, levels=None, law=None):
 def written(recorder, folder):
     result = recorder.write([load_model("hfx-temperature-1")], folder / "x", "x.hjif")
     data = result.files[0].read_bytes()
-    assert glb.validate(data, "x") == [] and gltf_faults(result.files[0]) == []
+    assert glb_rules.validate(data, "x") == [] and gltf_faults(result.files[0]) == []
     return glb.read_json(data, "x"), data, result
 
 

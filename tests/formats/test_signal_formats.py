@@ -530,3 +530,60 @@ def test_an_event_of_version_1_that_is_cut_at_a_jump_keeps_its_other_side(tick_s
     events = he_events.events_of(jump, RANGE, falls_to_zero=True)
     points = {(e.start_ms + ms, level) for e in events for ms, level, _ in e.points}
     assert kept in points
+
+
+@pytest.mark.parametrize("falls_to_zero", [False, True])
+@pytest.mark.parametrize("rate_hz", [20.0, 400.0, 1000.0, 4000.0])
+@given(data=st.data())
+@settings(max_examples=40, deadline=None)
+def test_points_of_a_he_event_have_different_times(falls_to_zero, rate_hz, data):
+    """Also of sounds of a millisecond, between ticks of successive milliseconds, and at 5 s."""
+    levels = data.draw(st.lists(st.sampled_from([0.0, 0.0, 0.4, 1.0]), min_size=2, max_size=40))
+    hold = data.draw(st.sampled_from([1, 150]))
+    last_s = (len(levels) * hold - 1) / rate_hz
+    ticks = data.draw(st.lists(st.floats(0.0, last_s), max_size=4))
+    content = signal(
+        np.repeat(levels, hold),
+        rate_hz=rate_hz,
+        transients=[Transient(time, 0.5, 100.0) for time in ticks],
+    )
+    (few,) = simplified_signals([content], 0.01)
+    events = he_events.events_of(few, RANGE, falls_to_zero=falls_to_zero)
+    for item in events:
+        if item.transient is None:
+            times = [time for time, _, _ in item.points]
+            assert 4 <= len(times) <= 16 and (np.diff(times) > 0).all(), times
+            assert times[0] == 0 and 3 <= times[-1] <= 5000
+    played = sorted(item.start_ms for item in events if item.transient)
+    wanted = sorted(round(1000.0 * time) for time in ticks)
+    assert all(abs(a - b) <= 2 for a, b in zip(played, wanted, strict=True))
+
+
+def test_a_sound_of_two_milliseconds_has_four_points():
+    """0 at 1 ms, 0.8 at 2 ms, 0 at 3 ms; the fourth point is silent, a millisecond later."""
+    (event,) = he_events.events_of(
+        signal([0, 0, 0.8, 0, 0], rate_hz=1000.0), RANGE, falls_to_zero=False
+    )
+    assert event.start_ms == 1
+    assert [(time, level) for time, level, _ in event.points] == [(0, 0), (1, 0.8), (2, 0), (3, 0)]
+
+
+def test_ticks_next_to_the_end_of_an_event_are_at_its_end():
+    """No event may last 1 or 2 ms: the ticks at 1, 101 and 199 ms move by a millisecond."""
+    ticks = [Transient(time_s, 0.5, 100.0) for time_s in (0.001, 0.1, 0.101, 0.199)]
+    content = signal([0.5, 0.5], rate_hz=5.0, transients=ticks)
+    events = he_events.events_of(content, RANGE, falls_to_zero=False)
+    assert [e.start_ms for e in events if e.transient] == [0, 100, 100, 200]
+    assert [(e.start_ms, e.end_ms) for e in events if not e.transient] == [(0, 100), (100, 200)]
+
+
+def test_an_event_of_five_seconds_leaves_no_short_rest():
+    """5.001 s at a constant level: the second event would last 1 ms, and lasts 3 ms."""
+    content = Signal(
+        "r1c1",
+        Curve(np.array([0.0, 5.001]), np.array([0.5, 0.5])),
+        Curve(np.array([0.0]), np.array([120.0])),
+    )
+    events = he_events.events_of(content, RANGE, falls_to_zero=False)
+    assert [(e.start_ms, e.end_ms) for e in events] == [(0, 4998), (4998, 5001)]
+    assert {level for e in events for _, level, _ in e.points} == {0.5}

@@ -30,7 +30,7 @@ from hfx_blender.errors import InputError
 from hfx_blender.files.strict_json import encoded
 from hfx_blender.formats import jsonl_samples
 from hfx_blender.formats.glb import glb
-from hfx_tools.formats import jsonl_rules
+from hfx_tools.formats import glb_rules, jsonl_rules
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "formats" / "samples.schema.json"
 
@@ -206,7 +206,7 @@ def test_a_broken_container_is_found(tmp_path, member_path):
     glb.write_model(load_model("hfx-temperature-1"), path)
     data = bytearray(path.read_bytes())
     struct.pack_into("<I", data, member_path, 77)
-    assert glb.validate(bytes(data), "x")
+    assert glb_rules.validate(bytes(data), "x")
 
 
 @pytest.mark.parametrize(
@@ -225,7 +225,7 @@ def test_a_broken_container_is_found(tmp_path, member_path):
 )
 def test_the_used_parts_of_a_glb_are_checked(change, codes):
     content = glb_of({"asset": {"version": "2.0"}, **change}, b"")
-    assert [finding.code for finding in glb.validate(content, "x")] == codes
+    assert [finding.code for finding in glb_rules.validate(content, "x")] == codes
 
 
 @pytest.mark.parametrize("extras", [["x"], "x", 3, {"hfx_model": 4}, {"hfx_model": "m"}, None])

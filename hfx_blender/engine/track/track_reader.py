@@ -58,8 +58,6 @@ class TrackReader:
         refuse_no_file(path)
         try:
             self._archive = zipfile.ZipFile(path)
-        except FileNotFoundError:
-            raise InputError(f"{path}: there is no such file.") from None
         except (PermissionError, IsADirectoryError) as error:
             raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
         except NPZ_DAMAGE as error:

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Events of .he files from signals: few points, whole milliseconds."""
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from ...engine.arrays import F64, Bool
 from ..signals.signals import FrequencyRange, Signal, bursts, joined_times
@@ -19,6 +21,7 @@ from .he_rules import (
     PatternSpacing,
 )
 
+_SHORTEST_MS: Final = MIN_CURVE_POINTS - 1  # of an event, whose points have different times
 _SAME_LEVEL: Final = 0.005
 _SAME_SHARE: Final = 1.0  # percent
 
@@ -56,17 +59,10 @@ def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
 def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: bool) -> list[HeEvent]:
     """Convert a signal to events in time order, cut at ticks and at the format's limits. The signal
     is simplified, without two keyframes at the same time. ``falls_to_zero``: begin and end each
-    event silent, as version 1 requires."""
-    ticks = [
-        HeEvent(
-            round(tick.time_s * 1000.0),
-            (),
-            (round(100 * tick.amplitude), round(100 * float(frequencies.share(tick.frequency_hz)))),
-        )
-        for tick in signal.transients
-    ]
-    cuts = {tick.start_ms for tick in ticks}
-    events = []
+    event silent, as version 1 requires. An event lasts 3 ms or more: shorter sounds end later, and
+    ticks within 3 ms of an end of an event are moved there."""
+    ticks_ms = [round(1000.0 * tick.time_s) for tick in signal.transients]
+    sounds: list[list[npt.NDArray[Any]]] = []  # times in ms, levels, shares
     times = signal.amplitude.times_s
     for first, last in bursts(signal.amplitude):
         start, end = float(times[first]), float(times[last])
@@ -82,18 +78,40 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         steps = np.arange(len(indices))
         grid = np.rint(1000.0 * knots[indices]).astype(np.int64)
         grid = np.maximum.accumulate(grid - steps) + steps
+        sound = [grid, levels[indices], shares[indices]]
+        # A short sound is joined with a sound that follows within 3 ms.
+        if sounds and sounds[-1][0][-1] <= grid[0] < sounds[-1][0][0] + _SHORTEST_MS:
+            sound = list(map(np.append, sounds.pop(), sound))
+        sounds.append(sound)
+    events = []
+    moved: dict[int, int] = {}  # times of ticks
+    for grid, levels, shares in sounds:
+        if grid[-1] < grid[0] + _SHORTEST_MS:
+            grid = np.append(grid, grid[0] + _SHORTEST_MS)
+            levels, shares = np.append(levels, 0.0), np.append(shares, shares[-1])
+        cuts, end = [int(grid[0])], int(grid[-1])
+        for time in sorted(ms for ms in ticks_ms if cuts[0] < ms < end):
+            if end - time < _SHORTEST_MS <= time - cuts[-1]:
+                moved[time] = end
+            elif time - cuts[-1] < _SHORTEST_MS:
+                moved[time] = cuts[-1]
+            else:
+                cuts.append(time)
         # Points on the line are added at ticks, where events are cut, and every 5 s in longer
         # gaps, the longest event.
-        times_ms = {*grid.tolist(), *(cut for cut in cuts if grid[0] < cut < grid[-1])}
+        times_ms = {*grid.tolist(), *cuts}
         for time, after in pairwise(sorted(times_ms)):
             times_ms |= set(range(time, after, MAX_DURATION_MS))
         all_ms = sorted(times_ms)
-        all_levels = np.interp(all_ms, grid, levels[indices]).tolist()
-        all_shares = np.rint(np.interp(all_ms, grid, shares[indices])).astype(int).tolist()
+        all_levels = np.interp(all_ms, grid, levels).tolist()
+        all_shares = np.rint(np.interp(all_ms, grid, shares)).astype(int).tolist()
         points = list(zip(all_ms, all_levels, all_shares, strict=True))
-        events += _cut(points, cuts, falls_to_zero)
+        events += _cut(points, [*cuts, end], falls_to_zero)
+    for tick, time in zip(signal.transients, ticks_ms, strict=True):
+        share = round(100 * float(frequencies.share(tick.frequency_hz)))
+        events.append(HeEvent(moved.get(time, time), (), (round(100 * tick.amplitude), share)))
     # A tick ends where it starts, so at equal starts the tick precedes the envelope's event.
-    return sorted([*events, *ticks], key=lambda each: (each.start_ms, each.end_ms))
+    return sorted(events, key=lambda each: (each.start_ms, each.end_ms))
 
 
 def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
@@ -160,35 +178,45 @@ def _distinct_indices(knots: F64, levels: F64, shares: F64, is_level_key: Bool) 
 _PointMs = tuple[int, float, int]  # ms, level 0..1, frequency 0..100
 
 
-def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[HeEvent]:
-    """Cut points into events at the times ``cuts``, ms, and at limits; successive events share a
-    point. Limits: 16 points (14 with ``falls_to_zero``, which adds a silent point at both ends) and
-    5 s."""
+def _cut(points: list[_PointMs], cuts: list[int], falls_to_zero: bool) -> list[HeEvent]:
+    """Cut points into events at the ascending times ``cuts``, ms, of begin, ticks and end, and at
+    limits; successive events share a point. Limits: 16 points (14 with ``falls_to_zero``, which
+    adds a silent point at both ends), and 3 ms to 5 s."""
     events = []
     most = MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
+    is_cut = set(cuts)
     first = 0
     while first < len(points) - 1:
-        stop = first + 1
+        start, stop = points[first][0], first + 1
         # Extend the event up to the limits of points and duration, but not beyond a tick.
         while (
             stop + 1 < len(points)
             and stop + 1 - first < most
-            and points[stop + 1][0] - points[first][0] <= MAX_DURATION_MS
-            and points[stop][0] not in cuts
+            and points[stop + 1][0] - start <= MAX_DURATION_MS
+            and points[stop][0] not in is_cut
         ):
             stop += 1
-        start = points[first][0]
+        end = points[stop][0]
+        # Neither this event nor the next one may be too short.
+        if end < start + _SHORTEST_MS:
+            end = start + MAX_DURATION_MS
+        rest = cuts[bisect_left(cuts, end)] - end
+        if 0 < rest < _SHORTEST_MS:
+            end += rest - _SHORTEST_MS
+        stop = bisect_left(points, (end,), first)
+        if points[stop][0] != end:
+            points.insert(stop, _between(points[stop - 1], points[stop], end))
         part = [(time - start, level, share) for time, level, share in points[first : stop + 1]]
         if falls_to_zero:
             # Version 1: both ends are at level 0. A loud end is moved inwards by 1 ms, unless the
             # other side of a jump is there.
-            (_, level, share), (end, last_level, last_share) = part[0], part[-1]
+            (_, level, share), (length, last_level, last_share) = part[0], part[-1]
             inner = part[1:-1]
             if level > 0.0 and not (inner and inner[0][0] <= 1):
-                inner = [(min(1, end), level, share), *inner]
-            if last_level > 0.0 and not (inner and inner[-1][0] >= end - 1):
-                inner.append((max(end - 1, 0), last_level, last_share))
-            part = [(0, 0.0, share), *inner, (end, 0.0, last_share)]
+                inner = [(1, level, share), *inner]
+            if last_level > 0.0 and not (inner and inner[-1][0] >= length - 1):
+                inner.append((length - 1, last_level, last_share))
+            part = [(0, 0.0, share), *inner, (length, 0.0, last_share)]
         events.append(HeEvent(start, tuple(_with_enough_points(part))))
         first = stop
     return events
@@ -196,16 +224,18 @@ def _cut(points: list[_PointMs], cuts: set[int], falls_to_zero: bool) -> list[He
 
 def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
     """Halve the longest interval by a point on the line, in whole ms, until there are four points;
-    four or more points are returned unchanged."""
+    four or more points are returned unchanged. ``part`` lasts 3 ms or more."""
     while len(part) < MIN_CURVE_POINTS:
-        gaps = [b[0] - a[0] for a, b in pairwise(part)]
-        k = int(np.argmax(gaps))
-        a, b = part[k], part[k + 1]
-        time = (a[0] + b[0]) // 2
-        share = (time - a[0]) / (b[0] - a[0]) if b[0] > a[0] else 0.0
-        level = a[1] + share * (b[1] - a[1])
-        part = [*part[: k + 1], (time, level, round(a[2] + share * (b[2] - a[2]))), *part[k + 1 :]]
+        k = max(range(len(part) - 1), key=lambda k: part[k + 1][0] - part[k][0])
+        middle = (part[k][0] + part[k + 1][0]) // 2
+        part = [*part[: k + 1], _between(part[k], part[k + 1], middle), *part[k + 1 :]]
     return part
+
+
+def _between(a: _PointMs, b: _PointMs, time: int) -> _PointMs:
+    """Point of a time on the line from ``a`` to ``b``."""
+    part = (time - a[0]) / (b[0] - a[0])
+    return (time, a[1] + part * (b[1] - a[1]), round(a[2] + part * (b[2] - a[2])))
 
 
 def event_entry(event: HeEvent, relative_ms: int) -> dict[str, Any]:

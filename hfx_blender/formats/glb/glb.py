@@ -249,8 +249,8 @@ def _quaternions(rotations: F64) -> F64:
 
 def read_json(content: bytes, name: str) -> dict[str, Any]:
     """Return the JSON document of a GLB file; InputError for a file with errors."""
-    refuse_errors(validate(content, name), name)
-    document: dict[str, Any] = parse(_json_chunk(content, Report("GLB")), name)
+    findings, document = inspected(content, name)
+    refuse_errors(findings, name)
     return document
 
 
@@ -266,35 +266,23 @@ def model_hashes(content: bytes, name: str) -> dict[str, str]:
     return {id: sum for id, sum in pairs if isinstance(id, str) and isinstance(sum, str)}
 
 
-def validate(content: bytes, name: str) -> list[Finding]:
-    """Return the findings about the container and the members used by HFX. Khronos' validator
-    checks all further rules of glTF. Raises InputError for unreadable JSON."""
+def inspected(content: bytes, name: str) -> tuple[list[Finding], dict[str, Any]]:
+    """Return the findings about the container and the lists of objects, and the JSON document,
+    empty with errors of the container or the version. Raises InputError for unreadable JSON."""
     report = Report("GLB")
     text = _json_chunk(content, report)
     if report.has_errors:
-        return report.findings
+        return report.findings, {}
     document = parse(text, name)
     asset = document.get("asset") if isinstance(document, dict) else None
     if not isinstance(asset, dict) or asset.get("version") != "2.0":
         report.error("ASSET", (None, "asset"), "it has no asset of version 2.0")
-        return report.findings
+        return report.findings, {}
     for key in ("meshes", "nodes", "animations"):
         items = document.get(key, [])
         if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
             report.error("TYPE", (None, key), "expected a list of objects")
-    lists = {key: document.get(key, []) for key in ("extensionsUsed", "extensionsRequired")}
-    for key, names in lists.items():
-        if not isinstance(names, list) or not all(isinstance(item, str) for item in names):
-            report.error("TYPE", (None, key), "expected a list of texts")
-            return report.findings
-    extensions = document.get("extensions")
-    for extension in extensions if isinstance(extensions, dict) else ():
-        if extension not in lists["extensionsUsed"]:
-            report.error("EXTENSION", (None, "extensions"), f"{extension} is not in extensionsUsed")
-    for extension in lists["extensionsRequired"]:
-        message = f"only readers that know {extension} can open it"
-        report.warn("EXTENSION-REQUIRED", None, message)
-    return report.findings
+    return report.findings, document
 
 
 def _json_chunk(content: bytes, report: Report) -> bytes:

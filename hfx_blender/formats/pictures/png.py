@@ -16,9 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import U8
-from ...errors import InputError, refuse_no_file
+from ...errors import InputError
 from ...files import limits
 from ...files.atomic import atomic_file
+from ...files.strict_json import read_data
 
 Grey = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
@@ -65,23 +66,13 @@ def read(path: Path) -> tuple[Grey, bool]:
     """Read a picture as grey values (H, W), top row first; second, True for a coloured picture.
     Colours become the mean of red, green and blue; transparency is dropped. Raises InputError for
     an unreadable file, and for palettes, interlacing or other depths than 8 and 16 bits."""
-    content = _content(path)
+    content = read_data(path)
     try:
         return decode(content, str(path))
     except InputError:
         raise
     except (ValueError, struct.error, zlib.error) as error:
         raise InputError(f"{path}: is not a PNG picture that can be read ({error}).") from error
-
-
-def _content(path: Path) -> bytes:
-    """Bytes of a file; InputError if missing, no file or unreadable."""
-    refuse_no_file(path)
-    try:
-        return path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: no system has a file of such a name
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({reason}).") from error
 
 
 def decode(content: bytes, name: str) -> tuple[Grey, bool]:
@@ -127,7 +118,7 @@ def texts(path: Path) -> dict[str, str]:
     """Texts of a picture by keyword (tEXt, zTXt, iTXt; PNG 11.3.4), the first for each keyword.
     Damaged texts, and all texts after a damaged chunk, are skipped; texts are cut at 4 MiB. Empty
     for files of another kind. Raises InputError for an unreadable file."""
-    content = _content(path)
+    content = read_data(path)
     texts_by_keyword: dict[str, str] = {}
     if not content.startswith(_SIGNATURE):
         return texts_by_keyword

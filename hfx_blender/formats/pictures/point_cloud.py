@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from ...engine.arrays import F64
-from ...errors import InputError, refuse_no_file
+from ...errors import InputError
+from ...files.strict_json import read_data
 
 SUFFIXES: Final = (".ply", ".xyz", ".txt", ".csv", ".asc")
 MOST_POINTS: Final = 50_000_000
@@ -28,11 +29,7 @@ def read(path: Path) -> F64:
     InputError for a missing, unknown or damaged file, or fewer than three points."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: expected a point cloud ({', '.join(SUFFIXES)}).")
-    refuse_no_file(path)
-    try:
-        content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}).") from error
+    content = read_data(path).removeprefix(codecs.BOM_UTF8)
     points = _ply(content, path) if path.suffix.lower() == ".ply" else _lines(content, path)
     # Scanners write NaN where nothing was measured.
     points = points[np.isfinite(points).all(axis=1)]
