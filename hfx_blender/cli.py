@@ -40,8 +40,7 @@ class _Parser(argparse.ArgumentParser):
         options, unknown = super().parse_known_args(args, namespace)
         several = [action for action in self._actions if action.nargs in ("+", "*")]
         if several and not any(text.startswith("-") for text in unknown):
-            values = getattr(options, several[0].dest)
-            values += map(several[0].type or str, unknown)
+            getattr(options, several[0].dest).extend(map(several[0].type or str, unknown))
             unknown = []
         return options, unknown
 

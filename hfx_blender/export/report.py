@@ -17,6 +17,7 @@ from ..engine.counters import Unfelt, as_reported, powerless_reason
 from ..engine.rendering.raster import Raster, unrendered
 from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
 from ..files import limits
+from ..files.atomic import stored_json
 from ..files.hashes import sha256_of
 from ..reading.description.missed_effects import NEVER_ON, NO_TOUCH, missed_warnings
 from ..text import MOST_LINES, MOST_NAMES, counted, named, printable, shortened
@@ -298,23 +299,10 @@ def encoded_report(document: Mapping[str, Any], name: str) -> bytes:
     return content
 
 
-def read(path: Path) -> dict[str, Any] | None:
-    """Read a report or record; None for a missing or invalid file, or one above
-    :func:`encoded_report`."""
-    try:
-        # Opening a pipe would block without an end, even against signals.
-        if not path.is_file() or path.stat().st_size > limits.MEMORY.default:
-            return None
-        report = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return None
-    return report if isinstance(report, dict) else None
-
-
 def stale_files(folder: Path, stem: str, devices: Collection[str]) -> tuple[Path, ...]:
     """Files of devices (by id) from an earlier export to ``folder/stem.*``, with the content stated
     in its report; without links, changed files and invalid entries of the report."""
-    report = read(folder / (stem + REPORT_SUFFIX)) if devices else None
+    report = stored_json(folder / (stem + REPORT_SUFFIX)) if devices else None
     files = (report or {}).get("files")
     stale = []
     for entry in files if isinstance(files, list) else ():

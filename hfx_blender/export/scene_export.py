@@ -40,6 +40,7 @@ from ..formats.registry import FORMATS
 from ..formats.signals.signals import DEFAULT_TOLERANCE
 from ..formats.written import Written
 from ..processes.start import cores
+from ..reading.description.missed_effects import joined
 from ..reading.description.scene_settings import formats_without, scene_tolerance
 from ..reading.description.unfelt import is_partial
 from ..reading.scene_reader import BLOCK_SIZE, SceneReader
@@ -305,7 +306,7 @@ class SceneExport:
             felt=felt_lines,
             effects=effects,
             unrendered=lost,
-            warnings=shortened((*self._warnings, *new_warnings)),
+            warnings=shortened(joined((*self._warnings, *new_warnings))),
             left_out=written.left_out,
             silent_devices=silent,
             engine={

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from ..errors import OutputError
+from . import limits
 from .locks import LOCKED_BYTE, folder_locked, is_ownerless, locked, take_lock
 
 _passing: set[Path] = set()
@@ -321,6 +322,19 @@ def _sync_folder(folder: Path) -> None:
             raise
     finally:
         os.close(descriptor)
+
+
+def stored_json(path: Path) -> dict[str, Any] | None:
+    """Read a JSON object of this program; None for a missing or invalid file, or one above the
+    limit :data:`.limits.MEMORY`."""
+    try:
+        # Opening a pipe would block without an end, even against signals.
+        if not path.is_file() or path.stat().st_size > limits.MEMORY.default:
+            return None
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return content if isinstance(content, dict) else None
 
 
 def amend_json(path: Path, content: Callable[[], Mapping[str, object]]) -> None:

@@ -18,8 +18,8 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.configurations import surface_calibration
 from hfx_blender.devices.live import live_settings
 from hfx_blender.engine.body import model_library
-from hfx_blender.export import report
 from hfx_blender.files import kinds, resources
+from hfx_blender.files.atomic import stored_json
 from hfx_blender.formats.pictures import point_cloud
 from hfx_blender.processes import start
 from hfx_tools.commands import texture
@@ -49,7 +49,7 @@ INSOLES = (resources.device_configs() / "insoles.json").read_text(encoding="utf-
     ("read", "name", "text"),
     [
         (_device, "insoles.json", INSOLES),
-        (report.read, "x.report.json", '{"scene": "A", "files": []}'),
+        (stored_json, "x.report.json", '{"scene": "A", "files": []}'),
         (kinds.title_of, "x.json", '{"format": "hfx-device"}'),
         (_table, "path.csv", "1,2\n3,4\n"),
         (_points, "scan.xyz", "0 0 0\n1 0 0\n0 1 0\n"),

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from hfx_blender import cli
-from hfx_blender.export import report
 from hfx_blender.files import resources
+from hfx_blender.files.atomic import stored_json
 
 REPORT = {
     "scene": "Garage",
@@ -88,7 +88,7 @@ def test_a_pipe_in_place_of_an_earlier_report_is_not_waited_for(tmp_path):
     keeps_it_open = os.open(path, os.O_RDWR)  # else a reader waits for ever
     try:
         os.write(keeps_it_open, b"{}")
-        reader = threading.Thread(target=lambda: actual.append(report.read(path)), daemon=True)
+        reader = threading.Thread(target=lambda: actual.append(stored_json(path)), daemon=True)
         actual: list[object] = []
         reader.start()
         reader.join(20)

@@ -4,13 +4,12 @@
 Not in a .blend, which is passed on to users with other devices.
 """
 
-import json
 import math
 
 from ...engine.texture.surface_names import DRIVE_PER_M
 from ...errors import InputError
 from ...files import resources
-from ...files.atomic import amend_json
+from ...files.atomic import amend_json, stored_json
 
 ANY_DEVICE = ""  # key of the value for devices without a value
 _MOST_PER_M = 1e9
@@ -18,12 +17,7 @@ _MOST_PER_M = 1e9
 
 def load() -> dict[str, float]:
     """Load c_v, 1/m, by device; invalid values and an unreadable file are ignored."""
-    try:
-        content = json.loads(resources.surface_calibration().read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return {}
-    if not isinstance(content, dict):
-        return {}
+    content = stored_json(resources.surface_calibration()) or {}
     return {str(name): value for name, value in content.items() if _is_valid(value)}
 
 

@@ -7,7 +7,6 @@ devices: a downloaded .blend cannot open a port.
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ...errors import DeviceError, InputError
 from ...files import resources
-from ...files.atomic import amend_json
+from ...files.atomic import amend_json, stored_json
 
 if TYPE_CHECKING:
     from ...engine.rendering.device_config import DeviceConfig
@@ -61,12 +60,8 @@ class LiveSettings:
 def load() -> dict[str, LiveSettings]:
     """Load the settings by device name; empty without a valid file. Invalid members have their
     default, the delay is clipped to 0..1000 ms."""
-    try:
-        content = json.loads(resources.live_settings().read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return {}
     settings = {}
-    for name, entry in content.items() if isinstance(content, dict) else ():
+    for name, entry in (stored_json(resources.live_settings()) or {}).items():
         if not isinstance(entry, dict):
             continue
         members: dict[str, Any] = {}

@@ -16,7 +16,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import InputError
+from ...errors import InputError, refuse_no_file
 from ...files import limits
 from ..arrays import F32, F64, I32, I64, NPZ_DAMAGE, U8
 from . import model_library
@@ -231,6 +231,7 @@ def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, An
     """Read metadata and arrays of a file; with ``part``, only arrays with this name prefix. Raises
     InputError: the file is missing, damaged, of another kind, of a newer version, or unpacks to
     more than :mod:`hfx_blender.files.limits` allow."""
+    refuse_no_file(path)
     try:
         with path.open("rb") as file:
             # numpy takes a file of another kind for pickled objects.
@@ -242,8 +243,6 @@ def _read(kind: type[_Stored], path: Path, part: str = "") -> tuple[dict[str, An
             limits.check_unpacked(unpacked_bytes, path.stat().st_size, str(path))
             arrays = {x: stored[x] for x in stored.files if x == "meta" or x.startswith(part)}
         meta: dict[str, Any] = json.loads(arrays.pop("meta").tobytes())
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file.") from None
     except NPZ_DAMAGE as error:
         raise InputError(f"{path}: not a readable body model ({error}).") from error
     if not isinstance(meta, dict):

@@ -18,9 +18,10 @@ from ...devices.live.approval import script_of
 from ...engine.body.model import load_model
 from ...engine.native.library import library
 from ...errors import HfxError, InputError
+from ...files.atomic import stored_json
 from ...files.hashes import FOLDER, NOT_READ, TOO_MANY, is_elsewhere, sha256_of, state_of
 from ...version import __version__
-from ..report import REPORT_SUFFIX, read
+from ..report import REPORT_SUFFIX
 from ..result_files import listed
 from .units import Unit
 
@@ -117,7 +118,7 @@ def finished(unit: Unit) -> dict[str, Any] | None:
     """Report of an earlier export of ``unit`` with equal inputs, options, versions and results.
     None without one, and if a device was left out because its script did not run."""
     folder = Path(unit.folder)
-    report = read(folder / (unit.stem + REPORT_SUFFIX))
+    report = stored_json(folder / (unit.stem + REPORT_SUFFIX))
     if report is None or not is_still(report.get("made_from"), unit):
         return None
     # The script of a silent device may run today.

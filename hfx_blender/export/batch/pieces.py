@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError, OutputError
-from ...files.atomic import atomic_file
+from ...files.atomic import atomic_file, stored_json
 from ...files.hashes import sha256_of
 from ...files.staging import make_folder, place, remove_abandoned, with_final_names
 from .. import report
@@ -191,7 +191,7 @@ def _count(folder: Path, unit: Unit) -> int:
 
 def _record(folder: Path, piece: tuple[int, int]) -> dict[str, Any] | None:
     """Record of a piece with unchanged files; None without one, or with an invalid one."""
-    record = report.read(path_of(folder, piece, ".json"))
+    record = stored_json(path_of(folder, piece, ".json"))
     if record is None or not journal.has_files(record, folder):
         return None
     samples = record.get("samples")

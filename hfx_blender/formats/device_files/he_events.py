@@ -184,7 +184,6 @@ def _cut(points: list[_PointMs], cuts: list[int], falls_to_zero: bool) -> list[H
     adds a silent point at both ends), and 3 ms to 5 s."""
     events = []
     most = MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
-    is_cut = set(cuts)
     first = 0
     while first < len(points) - 1:
         start, stop = points[first][0], first + 1
@@ -193,7 +192,7 @@ def _cut(points: list[_PointMs], cuts: list[int], falls_to_zero: bool) -> list[H
             stop + 1 < len(points)
             and stop + 1 - first < most
             and points[stop + 1][0] - start <= MAX_DURATION_MS
-            and points[stop][0] not in is_cut
+            and cuts[bisect_left(cuts, points[stop][0])] > points[stop][0]
         ):
             stop += 1
         end = points[stop][0]

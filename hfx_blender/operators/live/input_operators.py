@@ -4,7 +4,6 @@
 Addresses and ports are stored with the user's settings, never in a .blend.
 """
 
-import json
 from typing import Any, Final
 
 import bpy
@@ -13,7 +12,7 @@ from bpy.props import EnumProperty, IntProperty, StringProperty
 from ...authoring.effects import effects
 from ...errors import InputError
 from ...files import resources
-from ...files.atomic import amend_json
+from ...files.atomic import amend_json, stored_json
 from ...playback.live.body_tracking import body_tracking
 from ...playback.live.listening import listening, properties_by_parameter
 from ...playback.live.vr_source import VrSource, create_actions_with_session
@@ -39,11 +38,7 @@ SOURCES = (
 
 def input_settings() -> dict[str, Any]:
     """Stored ports and addresses by the name of an operator's field; empty without a valid file."""
-    try:
-        content = json.loads(_settings_file().read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return content if isinstance(content, dict) else {}
+    return stored_json(_settings_file()) or {}
 
 
 def _settings_file() -> Any:

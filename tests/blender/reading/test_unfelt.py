@@ -17,6 +17,7 @@ from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.blender import compat
 from hfx_blender.export.report import ExportReport, describe, felt_lines, unfelt_lines
+from hfx_blender.reading.description.missed_effects import joined
 from hfx_blender.text import MOST_LINES
 
 bpy = pytest.importorskip("bpy")
@@ -543,6 +544,30 @@ def test_a_scale_of_zero_is_the_reason(touch: Any, told: Any) -> None:
     report = told()
     assert _line(report, "Ball")["reason"].startswith("is flattened")
     assert report["strict"] == 3
+
+
+def test_flattened_volumes_have_one_warning_with_their_number(touch: Any, told: Any) -> None:
+    ball = bpy.data.objects["Ball"]
+    ball.scale = (1.0, 0.0, 1.0)
+    for k in range(14):
+        copy = ball.copy()
+        copy.name = f"Flat {k:02}"
+        bpy.context.scene.collection.objects.link(copy)
+    report = told()
+    (warning,) = [text for text in report["warnings"] if "is flattened" in text]
+    assert warning.startswith("each of 15 effects is flattened, infinite or not a number: it is")
+    assert ": Ball, Flat 00, " in warning and warning.endswith("and 3 more")
+    for name in ("Ball", "Flat 00", "Flat 13"):
+        assert _line(report, name)["reason"].startswith("is flattened")
+
+
+def test_equal_warnings_about_effects_are_joined() -> None:
+    words = "is flattened, infinite or not a number: it is not felt"
+    other = "effect 'It's' has a strength that is no number (2 times)"
+    plain = "body 'Anna' is far away"
+    warnings = [f"effect 'A' {words} (3 times)", plain, other, f"effect 'B' {words} (4 times)"]
+    assert joined(warnings) == (f"each of 2 effects {words} (7 times): A, B", plain, other)
+    assert joined(warnings[:3]) == tuple(warnings[:3])
 
 
 def test_an_effect_without_an_area_is_named_once(

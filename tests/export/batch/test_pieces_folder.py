@@ -15,7 +15,7 @@ from hfx_blender.export import report
 from hfx_blender.export.batch import pieces
 from hfx_blender.export.batch.units import ExportOptions, Unit
 from hfx_blender.files import limits
-from hfx_blender.files.atomic import temporary_name
+from hfx_blender.files.atomic import stored_json, temporary_name
 
 
 def _unit(out: Path) -> Unit:
@@ -86,7 +86,7 @@ def test_every_written_report_is_read(
         except limits.TooLargeError as error:
             assert path.name in str(error) and len(json.dumps(document, indent=1)) >= most
         else:
-            assert report.read(path) == document
+            assert stored_json(path) == document
 
 
 def test_a_report_of_a_hundred_megabytes_is_read(tmp_path: Path) -> None:
@@ -94,4 +94,4 @@ def test_a_report_of_a_hundred_megabytes_is_read(tmp_path: Path) -> None:
     document = {"warnings": ["w" * 1000] * 70_000}
     path = tmp_path / "a.report.json"
     path.write_bytes(report.encoded_report(document, path.name))
-    assert path.stat().st_size > 1 << 26 and report.read(path) == document
+    assert path.stat().st_size > 1 << 26 and stored_json(path) == document
