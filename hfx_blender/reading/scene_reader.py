@@ -17,6 +17,7 @@ import bpy
 import numpy as np
 import numpy.typing as npt
 
+from ..authoring.effects import effects
 from ..authoring.effects.effect_values import ShapeCache
 from ..blender import linked_files
 from ..blender.scene_info import scene_objects
@@ -135,13 +136,13 @@ class SceneReader:
         states = dict(zip(haptics.effects, haptics.activations, strict=True))
         states |= self.instances.activations
         new, clip_warnings = unfelt.reasons(haptics.scene, self.time, states, haptics.dormant)
-        names = {**self.instances.names, **haptics.names}
         gone = {effect: Unfelt(why) for effect, why in haptics.gone.items()}
-        self.unfelt = {names[effect]: why for effect, why in {**gone, **new}.items()}
+        named = effects.shown_name
+        self.unfelt = {named(effect): why for effect, why in {**gone, **new}.items()}
         return (
             *clip_warnings,
             *missed_warnings(
-                (names[effect], reason.reason)
+                (named(effect), reason.reason)
                 for effect, reason in new.items()
                 if not (reason.is_expected or reason.is_warned)
             ),

@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import uuid
-from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -397,14 +396,13 @@ def checked_area(
     return ids.astype(np.int32), strengths
 
 
-def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
-    """Unique id of each object by full name, which distinguishes linked files: its ``uid``, or
-    name. Copies share the ``uid``: the first by name has it, further objects ``uid-2``, ``uid-3``
-    ..., equal on each run."""
+def unique_ids(objects: list[bpy.types.Object]) -> dict[bpy.types.Object, str]:
+    """Unique id of each object: its ``uid``, or name. Copies share the ``uid``: the first by name
+    has it, further objects ``uid-2``, ``uid-3`` ..., equal on each run."""
     used = {obj.hfx.uid or obj.name for obj in objects}
     # Sorted by name, the original ("Ball") precedes its copies ("Ball.001").
     counts: dict[str, int] = {}
-    ids: dict[str, str] = {}
+    ids: dict[bpy.types.Object, str] = {}
     for obj in sorted(objects, key=lambda obj: (obj.name, obj.name_full)):
         uid = stored_uid = obj.hfx.uid or obj.name
         counts[stored_uid] = counts.get(stored_uid, 0) + 1
@@ -412,18 +410,19 @@ def unique_ids(objects: list[bpy.types.Object]) -> dict[str, str]:
             uid = f"{stored_uid}-{counts[stored_uid]}"
             counts[stored_uid] += uid in used
         used.add(uid)
-        ids[obj.name_full] = uid
+        ids[obj] = uid
     return ids
 
 
-def unique_names(objects: Collection[bpy.types.Object]) -> dict[bpy.types.Object, str]:
-    """Name of each object; the full name, with the library, of objects with the same name."""
-    counts = Counter(obj.name for obj in objects)
-    return {obj: obj.name if counts[obj.name] == 1 else obj.name_full for obj in objects}
+def shown_name(obj: bpy.types.Object) -> str:
+    """Name of an object; the full name, with the library, if the file has more of that name."""
+    libraries = [None, *(library.filepath for library in bpy.data.libraries)]
+    same = [path for path in libraries if bpy.data.objects.get((obj.name, path)) is not None]
+    return obj.name if len(same) == 1 else obj.name_full
 
 
 def store_unique_ids() -> None:
     """Store the unique ids of local objects, before renaming can change their order."""
     owned = [obj for obj in bpy.data.objects if obj.hfx.role != "NONE" and obj.library is None]
-    for name, uid in unique_ids(owned).items():
-        bpy.data.objects[name, None].hfx.uid = uid
+    for obj, uid in unique_ids(owned).items():
+        obj.hfx.uid = uid

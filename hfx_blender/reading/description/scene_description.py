@@ -5,7 +5,7 @@ Faults preventing an export are raised before any time is evaluated.
 """
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -63,7 +63,6 @@ class HapticObjects:
     left_out: tuple[str, ...] = ()  # warnings about faulty effects and bodies
     notes: tuple[str, ...] = ()  # about NaN or infinite keyframes
     gone: Mapping[bpy.types.Object, str] = field(default_factory=dict)  # excluded effect -> reason
-    names: Mapping[bpy.types.Object, str] = field(default_factory=dict)  # unique, of all effects
     # Effects that are off at all read times, also sources of instances, with reasons; no other
     # values of them are read.
     dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
@@ -111,8 +110,8 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     bodiless = {e: effects.missing_body_reason(e) for e in sound if effects.needs_body(scene, e)}
     sound = {effect: texts for effect, texts in sound.items() if effect not in bodiless}
     muted = effects.muted_effects(shown)
-    names = effects.unique_names(candidates)
-    warnings += _excluded((names[e], why) for e, why in bodiless.items() if e not in muted)
+    spoken = {e: why for e, why in bodiless.items() if e not in muted}
+    warnings += _excluded(spoken)
     if shown and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
         of_bodiless = (f"Effect '{e.name}' {why}; {_CURE}." for e, why in bodiless.items())
         raise _refusal((*faults.values(), *of_bodiless))
@@ -133,7 +132,6 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         left_out=left_out,
         notes=soundness.non_finite_keyframes([*bodies, *sound]),
         gone={**gone, **bodiless, **_predicates(faults)},
-        names=names,
     )
 
 
@@ -233,11 +231,11 @@ def without_absent(
     return replace(haptics, gone=gone)
 
 
-def _excluded(reasons: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """One warning for each reason, from (effect name, reason), with at most 12 names."""
+def _excluded(reasons: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
+    """One warning for each reason of the excluded effects, with at most 12 names."""
     names_by_reason: dict[str, list[str]] = {}
-    for name, why in reasons:
-        names_by_reason.setdefault(why, []).append(f"'{name}'")
+    for effect, why in reasons.items():
+        names_by_reason.setdefault(why, []).append(f"'{effects.shown_name(effect)}'")
     texts = []
     for why, names in names_by_reason.items():
         count, listed = len(names), named(names, MOST_NAMES)
@@ -307,7 +305,7 @@ def describe(
         left_out=(*haptics.left_out, *soundness.left_out(faults)),
         gone={**haptics.gone, **_predicates(faults)},
     )
-    absent = ((haptics.names[e], why) for e, why in haptics.gone.items() if why == ABSENT)
+    absent = {effect: why for effect, why in haptics.gone.items() if why == ABSENT}
     warnings = [*_excluded(absent), *haptics.warnings, *valid.left_out]
     warnings += filter(None, map(body_binding.warning_of, haptics.bodies))
     for effect, description in described.items():
@@ -327,7 +325,7 @@ def describe(
     return valid, SceneDescription(
         time=time,
         bodies=tuple(
-            BodyDescription(ids[body.name_full], body.name, binding)
+            BodyDescription(ids[body], effects.shown_name(body), binding)
             for body, binding in bindings.items()
         ),
         effects=(*described.values(), *more),
@@ -352,9 +350,9 @@ def _describe_effect(
     effect: bpy.types.Object,
     state: activation.Activation,
     haptics: HapticObjects,
-    ids: dict[str, str],
+    ids: Mapping[bpy.types.Object, str],
 ) -> EffectDescription:
-    """Description of an effect with the area by kind; ``ids`` are unique ids by full object name. A
+    """Description of an effect with the area by kind; ``ids`` are unique ids. A
     dormant volume or surface becomes a volume with its falloff only. Raises InputError for a faulty
     area."""
     hfx = effect.hfx
@@ -367,14 +365,14 @@ def _describe_effect(
         evaluated = effect.evaluated_get(haptics.layer.depsgraph)
         area = area_values.surface_area(effect, evaluated, haptics.unit_m)
     elif hfx.kind == "SPOT":
-        area = area_values.spot_area(effect, ids[_body_of(effect, haptics).name_full])
+        area = area_values.spot_area(effect, ids[_body_of(effect, haptics)])
     elif hfx.kind == "ACTUATORS":
-        area = area_values.actuator_area(effect, ids[_body_of(effect, haptics).name_full])
+        area = area_values.actuator_area(effect, ids[_body_of(effect, haptics)])
     else:
         area = response_values.volume_of(effect)
     return EffectDescription(
-        id=ids[effect.name_full],
-        name=haptics.names[effect],
+        id=ids[effect],
+        name=effects.shown_name(effect),
         modality=hfx.modality,
         model_id=effects.model_id_for(hfx.modality, haptics.bodies[0]),
         area=area,
@@ -403,7 +401,7 @@ def _body_of(effect: bpy.types.Object, haptics: HapticObjects) -> bpy.types.Obje
 
 
 def _painted_area(
-    effect: bpy.types.Object, haptics: HapticObjects, ids: dict[str, str]
+    effect: bpy.types.Object, haptics: HapticObjects, ids: Mapping[bpy.types.Object, str]
 ) -> PaintedArea:
     """Painted vertices and weights, without weights outside 0..1. Raises InputError for another
     model or edition, an invalid vertex list, and nothing painted."""
@@ -430,7 +428,7 @@ def _painted_area(
     checked = effects.checked_area(effect.name, vertices, weights, len(model))
     if not len(checked[0]):
         raise InputError(f"Effect '{effect.name}' is painted nowhere. Paint it, or delete it.")
-    return PaintedArea(ids[body.name_full], *checked)
+    return PaintedArea(ids[body], *checked)
 
 
 def _source(scene: bpy.types.Scene) -> dict[str, str]:

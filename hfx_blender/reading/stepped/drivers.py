@@ -14,6 +14,8 @@ from typing import IO, Final
 
 import bpy
 
+from ...authoring.effects import effects
+
 _STDERR: Final = 2
 
 LOOKS: Final = (bpy.types.Material, bpy.types.ShaderNodeTree)
@@ -117,8 +119,9 @@ def _sentence(owner: bpy.types.ID, curve: bpy.types.FCurve) -> str:
     if hasattr(owner.path_resolve(path), "__len__"):
         path += f"[{curve.array_index}]"
     kind = owner.bl_rna.name.lower()
+    name = effects.shown_name(owner) if isinstance(owner, bpy.types.Object) else owner.name
     return (
-        f"the driver of '{path}' of {kind} '{owner.name}' cannot be evaluated: its value is the "
+        f"the driver of '{path}' of {kind} '{name}' cannot be evaluated: its value is the "
         "one that Blender leaves there"
     )
 

@@ -11,7 +11,7 @@ copied inside the loop. Sources are identified by the full names, because a libr
 may have objects of equal names.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -89,8 +89,7 @@ class Sources:
 
     New faults are added to ``faults``, message -> sample indices, in place. ``objects`` are the
     sources by full name, without muted, faulty and always silent volumes; with ``time`` also
-    without volumes that are off at all its samples, in ``asleep`` with reasons. ``names`` are the
-    unique names of sources and effects of the scene, empty without sources. ``warnings`` name
+    without volumes that are off at all its samples, in ``asleep`` with reasons. ``warnings`` name
     corrected values and excluded volumes, ``notes`` keyframes that are NaN or infinite.
     ``activations`` include muted volumes.
     """
@@ -130,16 +129,14 @@ class Sources:
         }
         self.objects = {name: sources[name] for name in self.states}
         self._ids = effects.unique_ids(list(self.objects.values()))
-        # The scene, or another library, may have a volume of the same name.
-        self.names = effects.unique_names({**every, **sources}.values())
 
     def described(self, name: str) -> EffectDescription:
         """Description shared by the instances of the source with full name ``name``: unique id,
         clips, falloff, filters."""
         source, hfx = self.objects[name], self.objects[name].hfx
         return EffectDescription(
-            id=self._ids[name],
-            name=self.names[source],
+            id=self._ids[source],
+            name=effects.shown_name(source),
             modality=hfx.modality,
             model_id=effects.model_id_for(hfx.modality, self._found.bodies[0]),
             area=response_values.volume_of(source),
@@ -221,8 +218,8 @@ class Sources:
 
 class Instances:
     """All instances of a scene's haptic volumes over its own frames and the exported frames.
-    ``descriptions`` has an entry for each instance, sorted by key; warnings, notes, names, asleep
-    and activations as of :class:`Sources`. New faults are added to ``faults``, message -> sample
+    ``descriptions`` has an entry for each instance, sorted by key; warnings, notes, asleep and
+    activations as of :class:`Sources`. New faults are added to ``faults``, message -> sample
     indices, in place. Raises InputError for more than :data:`MOST` instances."""
 
     def __init__(
@@ -236,12 +233,7 @@ class Instances:
         self._faults = faults
         self._sources = Sources(found, shapes, faults, time)
         self.warnings, self.notes = self._sources.warnings, self._sources.notes
-        sources = self._sources
-        self.asleep, self.activations, self.names = (
-            sources.asleep,
-            sources.activations,
-            sources.names,
-        )
+        self.asleep, self.activations = self._sources.asleep, self._sources.activations
         self._found = replace(found, dormant={**found.dormant, **self.asleep})
         self._keys: tuple[Key, ...] = ()
         self._last: dict[int, dict[Key, EffectRow]] = {}  # by index of the last samples
@@ -283,7 +275,9 @@ class Instances:
             for name in {name for name, _, _ in frame_keys}:
                 self._present[name][row : row + 3] = True
         self.descriptions = _numbered(
-            self._keys, {name: self._sources.described(name) for name in names}
+            self._keys,
+            {name: self._sources.described(name) for name in names},
+            {effects.shown_name(obj) for obj in effects.effects_of(scene)},
         )
 
     @property
@@ -360,17 +354,19 @@ def _may_be_short(data: bpy.types.ID) -> bool:
 
 
 def _numbered(
-    keys: Iterable[Key], sources: dict[str, EffectDescription]
+    keys: Sequence[Key], sources: dict[str, EffectDescription], taken: set[str]
 ) -> tuple[EffectDescription, ...]:
     """Descriptions of the instances in the order of ``keys``, with ids ``<id of the
     source>:<numbers>`` and names ``<name> <numbers>``, numbers joined by dots. The instancer's name
-    precedes the numbers only if a source has several instancers."""
+    precedes the numbers if a source has several instancers, or one of the names is ``taken``."""
     # Numbers are unique within an instancer only.
     instancers = sorted({(name, parent) for name, parent, _ in keys})
     several = {name for name, _ in instancers if sum(n == name for n, _ in instancers) > 1}
+    texts = [".".join(map(str, number)) for _, _, number in keys]
+    shown = [f"{sources[name].name} {text}" for (name, *_), text in zip(keys, texts, strict=True)]
+    several |= {name for (name, *_), own in zip(keys, shown, strict=True) if own in taken}
     descriptions = []
-    for name, parent, number in keys:
-        text = ".".join(map(str, number))
+    for (name, parent, _), text in zip(keys, texts, strict=True):
         label = f"{parent} {text}" if name in several else text
         source = sources[name]
         descriptions.append(

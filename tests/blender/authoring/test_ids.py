@@ -20,7 +20,8 @@ def small(registered: Any) -> Any:
 
 def ids() -> dict[str, str]:
     scene = bpy.context.scene
-    return effects.unique_ids([*effects.bodies_of(scene), *effects.effects_of(scene)])
+    objects = [*effects.bodies_of(scene), *effects.effects_of(scene)]
+    return {obj.name_full: uid for obj, uid in effects.unique_ids(objects).items()}
 
 
 def test_everything_has_an_id_of_its_own(small: Any) -> None:
