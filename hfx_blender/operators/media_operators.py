@@ -9,13 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    EnumProperty,
-    FloatProperty,
-    FloatVectorProperty,
-    StringProperty,
-)
 from bpy_extras.io_utils import ImportHelper
 
 from ..authoring import media
@@ -39,7 +32,7 @@ class HFX_OT_add_sound(HfxOperator, ImportHelper):
 
     bl_label = "Sound"
 
-    filter_glob: StringProperty(default=_SOUNDS, options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default=_SOUNDS, options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
         strip = media.add_sound(context.scene, Path(self.filepath), context.scene.frame_current)
@@ -54,8 +47,8 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
 
     bl_label = "Video"
 
-    filter_glob: StringProperty(default=_VIDEOS, options={"HIDDEN"})
-    projection: EnumProperty(
+    filter_glob: bpy.props.StringProperty(default=_VIDEOS, options={"HIDDEN"})
+    projection: bpy.props.EnumProperty(
         name="Projection",
         description="Projection of the picture",
         items=(
@@ -63,7 +56,7 @@ class HFX_OT_add_video(HfxOperator, ImportHelper):
             ("SPHERE", "360 Degrees", "Equirectangular, as the world around the body"),
         ),
     )
-    with_sound: BoolProperty(
+    with_sound: bpy.props.BoolProperty(
         name="Sound",
         description="Add the video's sound to the timeline, and sync playback to audio",
         default=True,
@@ -105,13 +98,13 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
     bl_label = "Feel This Sound"
     adds_clips = True
 
-    filter_glob: StringProperty(default=_SOUNDS, options={"HIDDEN"})
-    strip: StringProperty(
+    filter_glob: bpy.props.StringProperty(default=_SOUNDS, options={"HIDDEN"})
+    strip: bpy.props.StringProperty(
         name="Strip",
         description="Sound strip of the sequencer; empty: a file",
         options={"SKIP_SAVE", "HIDDEN"},
     )
-    place: EnumProperty(
+    place: bpy.props.EnumProperty(
         name="Place",
         description="Where the sound is felt",
         items=(
@@ -120,13 +113,13 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
             ("EFFECT", "Active Effect", "A clip of the active effect"),
         ),
     )
-    part: EnumProperty(
+    part: bpy.props.EnumProperty(
         name="Part",
         description="Body part, or saved area",
         items=paint.part_items,
         translation_context="HFX",
     )
-    strength: FloatProperty(
+    strength: bpy.props.FloatProperty(
         name="Strength",
         description="Level of the loudest moment, a share of the effect's amplitude",
         subtype="FACTOR",
@@ -134,7 +127,7 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
         min=0.01,
         max=1.0,
     )
-    smoothing: FloatProperty(
+    smoothing: bpy.props.FloatProperty(
         name="Smoothing (s)",
         description="Length of the window that smooths the loudness",
         default=0.012,
@@ -142,14 +135,14 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
         max=1.0,
         precision=3,
     )
-    threshold: FloatProperty(
+    threshold: bpy.props.FloatProperty(
         name="Threshold (dB)",
         description="Silence below this level, relative to the loudest moment",
         default=-40.0,
         min=-80.0,
         max=0.0,
     )
-    band: FloatVectorProperty(
+    band: bpy.props.FloatVectorProperty(
         name="Sound (Hz)",
         description="Lowest and highest frequency of the sound that is followed",
         size=2,
@@ -157,7 +150,7 @@ class HFX_OT_feel_sound(ImportOperator, OnBodyOperator):
         min=10.0,
         max=24_000.0,
     )
-    frequencies: FloatVectorProperty(
+    frequencies: bpy.props.FloatVectorProperty(
         name="Vibration (Hz)",
         description="Frequencies of the vibration for the lowest and highest sound",
         size=2,

@@ -7,14 +7,6 @@ from contextlib import suppress
 from typing import ClassVar
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    CollectionProperty,
-    EnumProperty,
-    FloatProperty,
-    FloatVectorProperty,
-    IntProperty,
-)
 
 from ...authoring.paths import paths, skin_picking
 from ...blender.translation import translated
@@ -49,10 +41,10 @@ _HINTS = {
 class HfxPathPoint(bpy.types.PropertyGroup):
     """Point of a path during drawing."""
 
-    place: FloatVectorProperty(
+    place: bpy.props.FloatVectorProperty(
         name="Place", description="Metres, rest space of the canonical body", precision=4
     )
-    time: FloatProperty(name="Time", description="Seconds since the first place")
+    time: bpy.props.FloatProperty(name="Time", description="Seconds since the first place")
 
 
 class HFX_OT_draw_path(ModalTimer, HfxOperator):
@@ -61,17 +53,17 @@ class HFX_OT_draw_path(ModalTimer, HfxOperator):
     bl_label = "Draw Path"
     bl_options: ClassVar = {"REGISTER", "UNDO", "BLOCKING"}
 
-    mode: EnumProperty(
+    mode: bpy.props.EnumProperty(
         name="Draw", description="Way of drawing the path", items=MODES, default="STRAIGHT"
     )
-    closed: BoolProperty(name="Closed", description="The path returns to its start")
-    stroke: CollectionProperty(
+    closed: bpy.props.BoolProperty(name="Closed", description="The path returns to its start")
+    stroke: bpy.props.CollectionProperty(
         name="Places",
         description="For scripts: [{'name': '', 'place': (x, y, z), 'time': 0.0}, ...]",
         type=HfxPathPoint,
         options={"HIDDEN", "SKIP_SAVE"},
     )
-    frame: IntProperty(
+    frame: bpy.props.IntProperty(
         name="Frame", description="First frame of a recording", options={"SKIP_SAVE"}
     )
 

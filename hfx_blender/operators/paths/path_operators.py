@@ -6,14 +6,6 @@ from functools import cache
 from pathlib import Path
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    EnumProperty,
-    FloatProperty,
-    FloatVectorProperty,
-    IntProperty,
-    StringProperty,
-)
 from bpy_extras.io_utils import ExportHelper
 
 from ...authoring.effects import effects
@@ -82,19 +74,19 @@ class HFX_OT_add_spot(shared.OnBodyOperator):
 
     bl_label = "Point on the Skin"
 
-    modality: EnumProperty(
+    modality: bpy.props.EnumProperty(
         name="Modality",
         description="Sensation on the disc",
         items=[each for each in MODALITY_ITEMS if each[0] != "wind"],
     )
-    place: FloatVectorProperty(
+    place: bpy.props.FloatVectorProperty(
         name="Place",
         description="Where it is, metres in the rest space of the canonical body (the body faces "
         "-Y, its left is +X, its soles at Z = 0)",
         default=_MIDDLE_OF_BACK,
         precision=3,
     )
-    name: StringProperty(name="Name")
+    name: bpy.props.StringProperty(name="Name")
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         if (
@@ -132,7 +124,7 @@ class HFX_OT_mirror_path(PathOperator):
 
     bl_label = "Mirror Path"
 
-    copy: BoolProperty(
+    copy: bpy.props.BoolProperty(
         name="Copy",
         description="Leave this point as it is, and add another one on the other side that moves "
         "with the same keyframes and clips",
@@ -155,14 +147,14 @@ class HFX_OT_move_along_path(PathOperator):
 
     bl_label = "Move along Path"
 
-    seconds: FloatProperty(
+    seconds: bpy.props.FloatProperty(
         name="Duration", description="Seconds", default=1.0, min=0.01, soft_max=60.0
     )
-    repeats: IntProperty(
+    repeats: bpy.props.IntProperty(
         name="Times", description="Number of passes along the path", default=1, min=1, max=1000
     )
-    to_and_fro: BoolProperty(name="To and Fro", description="Every second pass backwards")
-    interpolation: EnumProperty(
+    to_and_fro: bpy.props.BoolProperty(name="To and Fro", description="Every second pass backwards")
+    interpolation: bpy.props.EnumProperty(
         name="Speed", description="Change of speed along the path", items=INTERPOLATIONS
     )
 
@@ -208,7 +200,7 @@ class HFX_OT_path_from_library(shared.HfxOperator):
     bl_label = "Path from Library"
     requires = (ON_SPOT, shared.IS_EDITABLE)
 
-    name: EnumProperty(name="Path", items=_ready_paths)
+    name: bpy.props.EnumProperty(name="Path", items=_ready_paths)
 
     def work(self, context: bpy.types.Context) -> str:
         return _apply(context, path_file.load_library(self.name))
@@ -221,7 +213,7 @@ class HFX_OT_load_path(shared.ImportOperator, shared.OnBodyOperator):
     bl_label = "Load Path"
 
     filename_ext = kinds.PATH_SUFFIX
-    filter_glob: StringProperty(default=f"*{kinds.PATH_SUFFIX}", options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(default=f"*{kinds.PATH_SUFFIX}", options={"HIDDEN"})
 
     def work(self, context: bpy.types.Context) -> str:
         recipe = path_file.load(Path(self.filepath))
@@ -236,8 +228,8 @@ class HFX_OT_save_path(PathOperator, ExportHelper):
     bl_label = "Save Path"
 
     filename_ext = kinds.PATH_SUFFIX
-    filter_glob: StringProperty(default=f"*{kinds.PATH_SUFFIX}", options={"HIDDEN"})
-    name: StringProperty(name="Name", description="Empty: the name of the file")
+    filter_glob: bpy.props.StringProperty(default=f"*{kinds.PATH_SUFFIX}", options={"HIDDEN"})
+    name: bpy.props.StringProperty(name="Name", description="Empty: the name of the file")
 
     def work(self, context: bpy.types.Context) -> str:
         path = Path(self.filepath)

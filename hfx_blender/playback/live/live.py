@@ -301,17 +301,19 @@ class Live:
         from ...engine.rendering.room import needs_positions
         from ...reading.description.scene_settings import scheme_of
 
-        for name, state in self.states.items():
-            item = context.scene.hfx.devices.get(name)
-            state.scheme = "" if item is None else scheme_of(item)
-            wearer = None if item is None else item.body
-            state.body_id = "" if wearer is None else wearer.hfx.uid
         # Before the source opens: positions are part of the description's fingerprint.
         evaluation.with_positions = needs_positions(
             [connected.device for connected in self.connected.values()]
         )
         source = self._source(context.scene)
         source.open(context)
+        ids = source.body_ids(context.scene)
+        for name, state in self.states.items():
+            item = context.scene.hfx.devices.get(name)
+            state.scheme = "" if item is None else scheme_of(item)
+            wearer = None if item is None else item.body
+            # A body that is left out has no id: copies of a body have its uid.
+            state.body_id = "" if wearer is None else ids.get(wearer, wearer.name_full)
         if self.client is None or source.generation == self.described:
             return
         self.described, self.fault = source.generation, source.fault

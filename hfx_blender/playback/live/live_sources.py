@@ -55,6 +55,12 @@ class SceneSource:
         evaluation.describe(context)
         recorder.check_settings(context.scene)
 
+    def body_ids(self, _scene: bpy.types.Scene) -> dict[bpy.types.Object, str]:
+        """Id of each described body; empty without a description."""
+        live = evaluation.scene
+        pairs = zip(live.objects.bodies, live.description.bodies, strict=True) if live else ()
+        return {body: described.id for body, described in pairs}
+
     def begin(self, client: LiveClient) -> None:
         """Send the description to the output process. The first body wears the devices without a
         wearer of their own. The scene must be open."""
@@ -122,7 +128,7 @@ class TrackSource:
         scene = context.scene
         path = self._path(scene)
         bodies = effects.bodies_of(scene)
-        wearer = bodies[0].hfx.uid if bodies else None
+        wearer = self.body_ids(scene)[bodies[0]] if bodies else None
         refuse_no_file(path)
         # A new recording under the same name has other times and size: open the file again.
         status = path.stat()
@@ -133,6 +139,10 @@ class TrackSource:
             if wearer in [body.id for body in track.header.bodies]:
                 track.body_id = wearer
             self.track, self._key = track, key
+
+    def body_ids(self, scene: bpy.types.Scene) -> dict[bpy.types.Object, str]:
+        """Id of each body of a scene in its tracks, if no body is left out there."""
+        return effects.unique_ids(effects.bodies_of(scene))
 
     def choose(self, scene: bpy.types.Scene) -> None:
         """Note that the track in a scene's settings was selected in this session."""

@@ -106,6 +106,22 @@ def test_a_device_plays_on_the_body_chosen_as_wearer(log: Path) -> None:
     until(lambda: is_loud(log))
 
 
+def test_a_device_on_a_copied_body_does_not_play_the_original(log: Path) -> None:
+    play(log)
+    (first,) = (obj for obj in bpy.context.scene.objects if obj.hfx.role == "BODY")
+    copy = first.copy()  # as Shift D: with the id of the original
+    bpy.context.scene.collection.objects.link(copy)
+    item = bpy.context.scene.hfx.devices[PAD]
+    item.body = copy
+    until(lambda: live.states[PAD].body_id not in ("", first.hfx.uid))
+    until(lambda: not is_loud(log))
+    item.body = first
+    until(lambda: is_loud(log))
+    copy.hide_viewport = True
+    item.body = copy  # a body that is left out feels nothing
+    until(lambda: not is_loud(log))
+
+
 def go(frame: int) -> None:
     bpy.context.scene.frame_set(frame)
 
