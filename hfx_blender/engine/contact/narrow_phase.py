@@ -147,7 +147,7 @@ class NarrowPhaseCall:
         # Work space per call: threads must not share it.
         skin = table.structure
         most_bones = 0 if posing.clusters is None else posing.clusters.most_bones
-        room = np.empty(skin.most_room + 27 * most_bones + 2)
+        room = np.empty(skin.most_room + 26 * most_bones + 2)
         events = np.empty((2 * table.largest_cell + 2, 2))
         is_single = weights.dtype == np.float32
         self._results = structure("hfx_found")(

@@ -115,7 +115,7 @@ class Clusters:
         self.most_bones = int(self._bone_counts.max(initial=0))
         # Without links between units all clusters share one array of zeros.
         most = (bound.place_counts * np.diff(self._starts)).max(initial=0)
-        self._unlinked = np.zeros(max(int(most), int(bound.place_counts.max(initial=0))))
+        self._unlinked = np.zeros(1 + max(int(most), int(bound.place_counts.max(initial=0))))
         self._arrays: list[npt.NDArray[Any]] = []
         self._is_known, self._is_linked = np.zeros((2, count), np.bool_)
 
@@ -146,9 +146,9 @@ class Clusters:
             *(clusters, column, entry_bones, weights, firsts, rest, moved),
         )
         zeros = np.zeros_like(places)
-        # In the order of the fields of ``hfx_cluster``; the last two wait for ``_link``.
-        arrays = entry_bones, weights, firsts, rest, self._bones, moved, *2 * (self._unlinked,)
-        at = entry_at, entry_at, first_at, place_at, self._starts[clusters], pair_at, zeros, zeros
+        # In the order of the fields of ``hfx_cluster``; the last four wait for ``_link``.
+        arrays = entry_bones, weights, firsts, rest, self._bones, moved, *4 * (self._unlinked,)
+        at = entry_at, entry_at, first_at, place_at, self._starts[clusters], pair_at, *4 * (zeros,)
         self._point_to(clusters, dict(enumerate(zip(arrays, at, strict=True))))
         self._rows[clusters, len(arrays)] = bones
         self._is_known[clusters] = True
@@ -160,16 +160,15 @@ class Clusters:
             self._arrays.append(array)
 
     def _link(self, clusters: I64, table: SkinTable) -> None:
-        """Compute distances and weight differences of neighbouring units; fields 6 and 7."""
-        units = table.unit_counts[clusters]
-        at = np.stack([_starts(units), _starts(units * self._bone_counts[clusters])])
-        distances, differences = (np.empty(last) for last in at[:, -1])
-        room = np.empty(2 * self.most_bones)
-        loaded().hfx_find_links(
-            *(table.structure, self.table, len(clusters)),
-            *(clusters, at, room, distances, differences),
-        )
-        self._point_to(clusters, {6: (distances, at[0]), 7: (differences, at[1])})
+        """Compute distances, weight differences and extents of units, and the most of any unit;
+        fields 6 to 9."""
+        units, bones = table.unit_counts[clusters], self._bone_counts[clusters]
+        at = np.stack([_starts(units), _starts(units * bones), _starts(1 + bones)])
+        arrays = [np.empty(last) for last in at[[0, 1, 0, 2], -1]]
+        known = table.structure, self.table, len(clusters), clusters, at
+        loaded().hfx_find_links(*known, np.empty(2 * self.most_bones), *arrays)
+        fields = zip(arrays, at[[0, 1, 0, 2]], strict=True)
+        self._point_to(clusters, dict(enumerate(fields, 6)))
         self._is_linked[clusters] = True
 
 

@@ -56,10 +56,10 @@ class SkinTable:
         triangle.
     is_ringed : (P,) uint8
         1 if the first of these corners already are all neighbours of a unit.
-    steps, finest, wholes, heights, sample_starts : (Q,)
+    steps, finest, wholes, heights, diagonals, sample_starts : (Q,)
         For each quad: samples along each side at rest, and the most in any pose; fraction of the
-        cell's area of all samples; largest bulge of the triangle, as a share of its normal; first
-        sample in the cluster's array.
+        cell's area of all samples; largest bulge of the triangle, as a share of its normal; bound
+        of the size of the quad's parts, see ``hfx_longest``; first sample in the cluster's array.
     quads : (Q, 10) float64
         Placement of the samples of each quad: fractions of the ways to both other corners for its
         points on the two edges, then both for its inner point; area of a sample as a fraction of
@@ -115,7 +115,7 @@ class SkinTable:
         self.means, self.is_ringed = np.zeros(total), np.zeros(total, np.uint8)
         self.unit_of, self.around = np.zeros(quads, np.int64), np.zeros((quads, 2), np.int64)
         self.steps, self.finest = np.zeros(quads, np.int64), np.zeros(quads, np.int64)
-        self.wholes, self.heights = np.zeros((2, quads))
+        self.wholes, self.heights, self.diagonals = np.zeros((3, quads))
         self.sample_starts, self.quads = np.zeros(quads, np.int64), np.zeros((quads, 10))
         self.most_samples = np.ones(len(cells), np.int64)
         self.largest_cell = 1

@@ -184,7 +184,8 @@ def _arrays(pointers, bound, cluster, units=0):
     entries = int(np.diff(bound._weights.offsets)[ids].sum())
     shapes = {"entry_bones": (entries,), "weights": (entries,), "firsts": (len(ids) + 1,)}
     shapes |= {"rest": (len(ids), 4), "bones": (bones,), "moved": (bones, 6)}
-    shapes |= {"distances": (units,), "differences": (bones, units)}
+    shapes |= {"distances": (units,), "differences": (bones, units), "extents": (units,)}
+    shapes |= {"farthest": (1 + bones,)}
     longs = "entry_bones", "firsts", "bones"
     return [
         _read(getattr(pointers, name), np.int64 if name in longs else np.float64, *shape)
@@ -234,6 +235,21 @@ def test_neighbours_learnt_later_have_arrays_of_their_own(name):
         differences = np.abs(weights[around] - weights[unit]).max(axis=0, initial=0.0)
         np.testing.assert_allclose(by_bone[:, unit], differences, rtol=1e-12, atol=1e-15)
     assert len(after[6]) == units and after[6].any()
+    # The extent is the farthest corner of a quad, with its bulge, over the reach.
+    heights, reaches = skin.table.heights, skin.table.reaches[:units]
+    for unit in range(units):
+        far = 0.0
+        for quad in range(*quads[unit : unit + 2]):
+            edge, other, *inner = skin.table.quads[quad, :4]
+            ways = rest[skin.table.around[quad]] - rest[unit]
+            corners = edge * ways[0], other * ways[1], np.array(inner) @ ways
+            bulge = 2.0 * heights[quad] * after[6][unit]
+            far = max(far, *(np.linalg.norm(corner) + bulge for corner in corners))
+        extent = min(far, after[6][unit] * reaches[unit])
+        assert after[8][unit] * reaches[unit] == pytest.approx(extent, rel=1e-8)
+    assert (after[8] <= after[6]).all() and (after[8] < 0.99 * after[6]).any()
+    most = [(after[8] * reaches).max(), *(by_bone * reaches).max(axis=1)]
+    np.testing.assert_array_equal(after[9], most)
 
 
 # Skin

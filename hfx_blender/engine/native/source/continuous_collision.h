@@ -225,7 +225,7 @@ static inline int64_t follow_quad(context *ctx, posed_pair *before, posed_pair *
   triangle a, b;
   find_corners(ctx, before, unit, quad, &a);
   find_corners(ctx, now, unit, quad, &b);
-  double bound = hfx_larger(bulge_bound(before, unit, &a), bulge_bound(now, unit, &b));
+  double bound = hfx_larger(bulge_bound(ctx, before, unit, &a), bulge_bound(ctx, now, unit, &b));
   if (steps == 1 && stays_outside(ctx, before, now, unit, quad, &a, &b, bound)) return count;
   // Samples of the start stand outwards as the skin did there.
   find_edges(ctx, before, &a);
@@ -276,7 +276,7 @@ static int64_t follow(context *ctx, posed_pair *before, posed_pair *now, int64_t
   path_of(drift, steps, kind, interval, EVERY_STEP, one, other, path);
   if (!may_meet(ctx->shape, (const double(*)[3])path, steps, 0.5 * bound)) return count;
   double reach = hfx_larger(reach_of(ctx, before, unit), reach_of(ctx, now, unit));
-  if (!may_meet(ctx->shape, (const double(*)[3])path, steps, reach)) return count;
+  if (reach < 0.5 * bound && !may_meet(ctx->shape, (const double(*)[3])path, steps, reach)) return count;
   int is_even = is_unit_even(ctx, now, unit, from, to, &are_even[1]) &&
                 is_unit_even(ctx, before, unit, from, to, &are_even[0]);
   double share = is_even ? table->unit_shares[place] : table->vertex_shares[place];

@@ -14,7 +14,7 @@ typedef struct {
   const int64_t *column_of;   // of cells
   int64_t columns, is_single;
   int64_t posed;              // number of places posed, counted up
-  double *room;               // 27 bones + 2 (6 places + 3 units + cells) + units + 2 of the largest cluster
+  double *room;               // 26 bones + 2 (6 places + 3 units + cells) + units + 2 of the largest cluster
   event *events;              // twice the most samples of a cell
 } hfx_found;
 
@@ -78,13 +78,15 @@ static int needs_samples(context *ctx, posed_pair *pair, int64_t unit, int64_t f
                               : reach_of(ctx, pair, unit);
   int near = gap >= -bound;
   if (target->is_flat) {
-    double reach = near ? reach_of(ctx, pair, unit) : 0.0;
+    double reach = near ? hfx_smaller(reach_of(ctx, pair, unit), bound) : 0.0;
     if (near && gap > reach) return -1;
     return (near && gap >= -reach) || is_searched;
   }
   // The strength of a volume with falloff changes with depth, unless it is deep enough.
-  int varies = ctx->steepest * bound > target->amplitude && at_vertex > 0.0;
-  near |= varies && -gap < target->share + bound;
+  double most = most_gap(ctx, pair, unit) * ctx->table->reaches[ctx->first + unit];
+  if (!ctx->cluster) most = bound;
+  int varies = ctx->steepest * most > target->amplitude && at_vertex > 0.0;
+  near |= varies && -gap < target->share + most;
   return near && !is_unit_even(ctx, pair, unit, from, to, is_even);
 }
 
@@ -100,14 +102,15 @@ static double cover_quad(context *ctx, posed_pair *pair, int64_t unit, int64_t q
   // With a corner inside no plane parts triangle and volume. Else a cheap bound of the bulge is
   // tried first, then the bulge itself, which needs normals.
   int may_be_apart = !(shallowest <= 0.0);
-  double bound = bulge_bound(pair, unit, &t);
+  // All corners deeper than the triangle bulges: the quad is inside as a whole.
+  int may_be_whole = ctx->target->is_flat && !is_searched && !ctx->shape.mesh;
+  double bound = bulge_bound(ctx, pair, unit, &t);
   if (may_be_apart && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, bound)) return 0.0;
+  if (may_be_whole && deepest <= -bound) return ctx->table->wholes[q];
   find_edges(ctx, pair, &t);
   if (may_be_apart && t.bulge < bound && hfx_parted(ctx->shape, (const double(*)[3])t.corners, 3, t.bulge))
     return 0.0;
-  // All corners deeper than the triangle bulges: the quad is inside as a whole.
-  if (ctx->target->is_flat && !is_searched && !ctx->shape.mesh && deepest <= -t.bulge)
-    return ctx->table->wholes[q];
+  if (may_be_whole && deepest <= -t.bulge) return ctx->table->wholes[q];
   return sampled(ctx, q, steps_of(ctx, pair, q, &t), &t);
 }
 
@@ -167,53 +170,32 @@ static void find_states(const context *ctx, const posed_pair *before, posed_pair
   }
 }
 
-// The most of what find_gaps takes of any unit of a cluster, times how far its skin reaches.
-typedef struct {
-  double along, *apart;  // of the distance; of each bone's differences
-} gap_factors;
-
-static void find_gap_factors(const context *ctx, int64_t units, gap_factors *most) {
-  const double *reaches = ctx->table->reaches + ctx->first;
-  most->along = 0.0;
-  if (!ctx->cluster) return;
-  const double *differences = ctx->cluster->differences;
-  for (int64_t u = 0; u < units; u++)
-    most->along = hfx_larger(most->along, ctx->cluster->distances[u] * reaches[u]);
-  for (int64_t b = 0; b < ctx->cluster->bone_count; b++, differences += units) {
-    most->apart[b] = 0.0;
-    for (int64_t u = 0; u < units; u++)
-      most->apart[b] = hfx_larger(most->apart[b], differences[u] * reaches[u]);
-  }
-}
-
 // True if no cell of a cluster can be inside at a pair, nor, if followed, have passed since the one before.
-static int is_apart(const context *ctx, const posed_pair *before, const posed_pair *now,
-                    const gap_factors *most, int is_followed) {
+static int is_apart(const context *ctx, const posed_pair *before, const posed_pair *now, int is_followed) {
   if (!ctx->cluster) return 0;
+  const double *most = ctx->cluster->farthest;
   double floor = now->floor, along = now->spread.along;
   if (is_followed) {
     along = hfx_larger(along, before->spread.along);
     floor = hfx_smaller(floor, before->floor - ctx->moved - SPARE * (fabs(before->floor) + ctx->moved));
   }
-  double reach = along * most->along;
+  double reach = along * most[0];
   for (int64_t b = 0; b < ctx->cluster->bone_count; b++) {
     double apart = now->spread.apart[b];
     if (is_followed) apart = hfx_larger(apart, before->spread.apart[b]);
-    reach += apart * most->apart[b];
+    reach += apart * most[1 + b];
   }
   return floor > reach * SLACK * SLACK;
 }
 
 // Resets the state of a cluster's pairs.
-static void reset_pairs(const context *ctx, double *room, posed_pair both[2], gap_factors *most,
-                        int64_t **states) {
+static void reset_pairs(const context *ctx, double *room, posed_pair both[2], int64_t **states) {
   const hfx_table *table = ctx->table;
   int64_t c = ctx->number, places = table->place_counts[c], units = table->unit_counts[c];
   int64_t cells = table->cell_starts[c + 1] - table->cell_starts[c];
   int64_t bones = ctx->cluster ? ctx->cluster->bone_count : 0;
   room = (double *)(((uintptr_t)room + 15) & ~(uintptr_t)15);
   for (int k = 0; k < 2; k++) both[k].matrices = (hfx_two *)take(&room, 12 * bones);
-  most->apart = take(&room, bones);
   *states = (int64_t *)take(&room, units);
   for (int k = 0; k < 2; k++) {
     posed_pair *each = both + k;
@@ -240,7 +222,7 @@ static void begin_pair(context *ctx, const posed_pair *before, posed_pair *now, 
                        int64_t row, int64_t steps) {
   const hfx_target *target = ctx->target;
   now->row = row, now->pair = pair, now->has_matrices = now->has_gaps = now->has_metric = now->has_turns = 0;
-  now->skew = hfx_stretch(target->to_shape + 16 * row, 4) * hfx_stretch(target->matrices + 16 * row, 4);
+  now->skew = -1.0;
   ctx->is_same = before->row == row - 1 && ctx->shape.kind == target->kinds[row - 1] &&
                 ctx->shape.half == target->halves[row - 1] && ctx->shape.mesh == target->meshes[row - 1];
   ctx->moved = INFINITY;
@@ -311,9 +293,7 @@ typedef struct {
   const hfx_found *found;
   posed_pair both[2], *now, *before;
   int64_t *states;  // (units,) of now
-  gap_factors most;
   int is_reset;  // both pairs belong to the present cluster
-  int is_only;   // the present cluster has no other pair
   int has_own;   // vertices of cells are no units
 } search_call;
 
@@ -348,24 +328,19 @@ static void begin_cluster(search_call *call, int64_t first) {
   call->ctx->number = cluster, call->ctx->first = call->posing->table->starts[cluster];
   call->ctx->cluster = clusters ? clusters + cluster : NULL;
   call->is_reset = 0;
-  call->is_only = first + 1 == pairs->count || pairs->clusters[first + 1] != cluster;
 }
 
 // Bounds of the distances of a pair's units; decides whether they have to be looked at one by one.
 static void bound_units(search_call *call, pair_task *task) {
   context *ctx = call->ctx;
-  if (!call->is_reset) {
-    reset_pairs(ctx, call->found->room, call->both, &call->most, &call->states);
-    // Bounds for the whole cluster cost as much as those of one pair's units: they pay for several pairs.
-    if (!call->is_only) find_gap_factors(ctx, task->units, &call->most);
-  }
+  if (!call->is_reset) reset_pairs(ctx, call->found->room, call->both, &call->states);
   call->is_reset = 1;
   posed_pair *swapped = call->before;
   call->before = call->now, call->now = swapped;
   posed_pair *before = call->before, *now = call->now;
   begin_pair(ctx, before, now, task->pair, task->row, task->steps);
   if (task->needs_units || task->is_followed)
-    task->needs_units = call->is_only || !is_apart(ctx, before, now, &call->most, task->is_followed);
+    task->needs_units = !is_apart(ctx, before, now, task->is_followed);
   for (int64_t u = 0; !task->needs_units && u < task->units; u++)
     now->least[u] = now->floor, now->most[u] = now->ceiling;
   if (task->needs_units) find_gaps(ctx, now);
@@ -399,28 +374,51 @@ static void follow_cell(search_call *call, const pair_task *task, int64_t cell, 
   if (peak > now->weights[cell]) store(call->found, column, peak);
 }
 
-// Weights of the cells of a pair, one by one.
-static void weigh_cells(search_call *call, const pair_task *task) {
+// Weight of a cell of a pair, whose units are `from` to `to`.
+static inline void weigh_cell(search_call *call, const pair_task *task, int64_t cell, int64_t from, int64_t to,
+                              int64_t possible) {
   context *ctx = call->ctx;
   const hfx_found *found = call->found;
-  posed_pair *before = call->before, *now = call->now;
-  const int64_t *cell_of = ctx->table->cell_of + ctx->first;
-  int64_t to = 0;
-  for (int64_t k = 0; k < task->cells; k++) {
-    int64_t from = to, possible = 0;
-    for (; task->needs_units && to < task->units && cell_of[to] == task->first_cell + k; to++)
-      possible |= call->states[to];
-    if (!possible && task->how < HFX_BY_VERTEX) {
-      if (task->is_kept) now->weights[k] = 0.0;
-      continue;
+  posed_pair *now = call->now;
+  int64_t column = found->column_of[task->first_cell + cell] + task->row * found->columns;
+  if (ctx->details) begin_details(ctx, task->own, now, task->row, cell, column);
+  double share = inside(ctx, task->own, call->has_own, task->row, now, cell, from, to, task->how, possible);
+  if (share != 0.0) share = store(found, column, share);
+  if (task->is_kept) now->weights[cell] = share;
+  if (possible & PASSED) follow_cell(call, task, cell, from, to, column);
+}
+
+// Poses the units of a pair that `cover` needs, all in one loop, which is faster than when they are needed.
+static void pose_units(context *ctx, posed_pair *now, int64_t units, const int64_t *states) {
+  const double *reaches = ctx->table->reaches + ctx->first;
+  int may_be_whole = ctx->target->is_flat && ctx->table->is_split && !ctx->details;
+  for (int64_t u = 0; u < units; u++) {
+    double bound = now->gaps[u] * reaches[u];
+    if (!(states[u] & INSIDE) || !(now->least[u] <= bound) || (may_be_whole && now->most[u] < -bound)) continue;
+    place_of(ctx, now, u);
+  }
+}
+
+// Weights of the cells of a pair, one by one.
+static void weigh_cells(search_call *call, const pair_task *task) {
+  int64_t first = task->first_cell, units = task->needs_units ? task->units : 0, to = 0;
+  const int64_t *cell_of = call->ctx->table->cell_of + call->ctx->first, *states = call->states;
+  if (task->how >= HFX_BY_VERTEX) {
+    for (int64_t k = 0; k < task->cells; k++) {
+      int64_t from = to, possible = 0;
+      for (; to < units && cell_of[to] == first + k; to++) possible |= states[to];
+      weigh_cell(call, task, k, from, to, possible);
     }
-    int64_t column = found->column_of[task->first_cell + k] + task->row * found->columns;
-    if (ctx->details && (possible || task->how >= HFX_BY_VERTEX))
-      begin_details(ctx, task->own, now, task->row, k, column);
-    double share = inside(ctx, task->own, call->has_own, task->row, now, k, from, to, task->how, possible);
-    if (share != 0.0) share = store(found, column, share);
-    if (task->is_kept) now->weights[k] = share;
-    if (possible & PASSED) follow_cell(call, task, k, from, to, column);
+    return;
+  }
+  if (task->is_kept) memset(call->now->weights, 0, (size_t)task->cells * sizeof *call->now->weights);
+  if (task->how == HFX_COVERED && call->ctx->cluster) pose_units(call->ctx, call->now, units, states);
+  for (int64_t u = 0; u < units; u = to > u ? to : u + 1) {
+    if (!states[u]) continue;
+    int64_t cell = cell_of[u], from = u, possible = states[u];
+    while (from > 0 && cell_of[from - 1] == cell) from--;
+    for (to = u + 1; to < units && cell_of[to] == cell; to++) possible |= states[to];
+    weigh_cell(call, task, cell - first, from, to, possible);
   }
 }
 

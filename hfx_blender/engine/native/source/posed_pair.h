@@ -28,7 +28,7 @@ typedef struct {
   int64_t *posed;        // (places,) the number of the pair for which it was
   double *least;         // (units,) clearance is no less
   double *most;          // (units,) nor more, where the volume is as it was
-  double *gaps;          // (units,) bounds of distances to the farthest neighbour, see find_gaps
+  double *gaps;          // (units,) times the reach: bounds of the farthest distance of skin, see find_gaps
   double floor, ceiling; // that of no unit is less, or more, than these
   double *weights;       // (cells,) before what passed
   hfx_two *matrices;     // see hfx_find_matrices
@@ -38,7 +38,7 @@ typedef struct {
   double allowed;        // how far skin may be from its samples, metres
   double turns[2][9];    // cross products to the world, and these back
   int64_t has_turns;
-  double skew;           // no less than its largest stretch to the world over its smallest
+  double skew;           // no less than its largest stretch to the world over its smallest; below 0: not known
 } posed_pair;
 
 // Optional details of contacts, in shape space; see contact/contact_query.py. A contact is
@@ -168,7 +168,7 @@ static inline const double *place_of(context *ctx, posed_pair *pair, int64_t pla
   return pair->points + 3 * place;
 }
 
-// Bounds of the distance to the farthest neighbour of each unit.
+// Bounds of the farthest distance of each unit's skin, over its reach.
 static void find_gaps(const context *ctx, posed_pair *pair) {
   if (pair->has_gaps) return;
   pair->has_gaps = 1;
@@ -178,14 +178,21 @@ static void find_gaps(const context *ctx, posed_pair *pair) {
     for (int64_t u = 0; u < units; u++) gaps[u] = 1e300;  // nothing is known; times 0 it is 0
     return;
   }
-  const double *restrict distances = ctx->cluster->distances;
+  const double *restrict extents = ctx->cluster->extents;
   const double *differences = ctx->cluster->differences;
   double along = pair->spread.along * SLACK;
-  for (int64_t u = 0; u < units; u++) gaps[u] = along * distances[u];
+  for (int64_t u = 0; u < units; u++) gaps[u] = along * extents[u];
   for (int64_t b = 0; b < ctx->cluster->bone_count; b++, differences += units) {
     double apart = pair->spread.apart[b] * SLACK;
     for (int64_t u = 0; u < units && apart > 0.0; u++) gaps[u] += apart * differences[u];
   }
+}
+
+// Bound of the distance of a unit to its farthest neighbour.
+static inline double most_gap(const context *ctx, const posed_pair *pair, int64_t unit) {
+  if (!ctx->cluster) return pair->gaps[unit];
+  double more = ctx->cluster->distances[unit] - ctx->cluster->extents[unit];
+  return pair->gaps[unit] + pair->spread.along * SLACK * more;
 }
 
 static inline double gap_of(context *ctx, posed_pair *pair, int64_t unit) {
@@ -219,7 +226,7 @@ static inline int is_unit_even(context *ctx, posed_pair *pair, int64_t unit, int
   if (ctx->target->is_flat || ctx->shape.mesh || ctx->target->amplitude == 0.0) return 0;
   const hfx_table *table = ctx->table;
   double mean = table->means[ctx->first + unit];
-  if (pair->gaps[unit] * mean <= ctx->limit || gap_of(ctx, pair, unit) * mean <= ctx->limit)
+  if (most_gap(ctx, pair, unit) * mean <= ctx->limit || gap_of(ctx, pair, unit) * mean <= ctx->limit)
     return 1;
   if (table->is_simple) return 0;
   if (*is_even < 0) {
@@ -228,7 +235,7 @@ static inline int is_unit_even(context *ctx, posed_pair *pair, int64_t unit, int
     for (int is_exact = 0; is_exact < 2 && !*is_even; is_exact++) {
       double sum = 0.0;
       for (int64_t u = from; u < to; u++) {
-        double gap = is_exact ? gap_of(ctx, pair, u) : pair->gaps[u];
+        double gap = is_exact ? gap_of(ctx, pair, u) : most_gap(ctx, pair, u);
         sum += gap * table->means[ctx->first + u] * table->unit_shares[ctx->first + u];
       }
       *is_even = sum <= ctx->limit;
@@ -287,7 +294,11 @@ typedef struct {
 
 // No less than how far the skin of a quad bulges, of a unit whose gap is known: a triangle's normal is as long
 // as the square root of twice its area, in the world.
-static inline double bulge_bound(const posed_pair *pair, int64_t unit, const triangle *t) {
+static inline double bulge_bound(const context *ctx, posed_pair *pair, int64_t unit, const triangle *t) {
+  if (!(t->height > 0.0)) return 0.0;
+  if (pair->skew < 0.0)
+    pair->skew = hfx_stretch(ctx->target->to_shape + 16 * pair->row, 4) *
+                 hfx_stretch(ctx->target->matrices + 16 * pair->row, 4);
   return SLACK * t->height * pair->skew * pair->exact_gaps[unit];
 }
 
@@ -386,7 +397,11 @@ static inline int64_t steps_of(const context *ctx, posed_pair *pair, int64_t qua
     double spacing = table->spacing_share * table->spacing_share * hfx_larger(squares[0], squares[2]);
     allowed = hfx_smaller(allowed, spacing);
   }
-  double most = 4.0 * number * number * allowed * (1.0 + 2.0 * ROUNDING);
+  double most = 4.0 * number * number * allowed;
+  double third = squares[0] + squares[2] - 2.0 * squares[1];
+  // A bound first: of most quads the rest is not in the processor's cache.
+  if (table->diagonals[quad] * hfx_larger(hfx_larger(squares[0], squares[2]), third) <= most) return steps;
+  most *= 1.0 + 2.0 * ROUNDING;
   if (!(hfx_diagonal(table->quads + quad, squares, number) > most)) return steps;
   double longest = hfx_diagonal(table->quads + quad, squares, INFINITY);
   double wanted = hfx_steps_within(table->quads + quad, squares, longest, sqrt(allowed));

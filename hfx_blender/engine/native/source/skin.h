@@ -32,7 +32,7 @@ typedef struct {
   double *unit_shares, *vertex_shares, *reaches, *means;             // of places
   uint8_t *is_ringed;                                                // of places
   int64_t *unit_of, *around, *steps, *finest, *sample_starts;        // of quads; around: (quads, 2)
-  double *wholes, *heights;                                          // of quads
+  double *wholes, *heights, *diagonals;                              // of quads
   hfx_quad *quads;
   int64_t *most_samples;                                             // of clusters
   const double **blocks;                                             // of clusters: (4, rooms) samples
@@ -51,6 +51,8 @@ typedef struct {
   const double *moved;         // (B, 6) mean weight; box's centre, homogeneous, and radius
   const double *distances;     // (units,) to the farthest neighbour
   const double *differences;   // (B, units) of weights, to the neighbour that differs most
+  const double *extents;       // (units,) farthest distance of skin over the reach; no more than distances
+  const double *farthest;      // (1 + B,) extents, and differences, times the reach: the most of any unit
   int64_t bone_count;
 } hfx_cluster;
 

@@ -97,13 +97,39 @@ HFX_EXPORT void hfx_bind(const hfx_bound *model, const int64_t *pair_starts,
   }
 }
 
-// See SkinnedModel.links: of each unit of a cluster the distance to its farthest neighbour at rest,
-// (units,), and by how much the weights of each bone differ, the most of any neighbour, (bones, units).
+// The farthest distance of a unit's skin from its vertex at rest, over its reach: no more than the distance to
+// its farthest neighbour. From the vertex, no place of a quad is farther than one of its corners.
+static double extent_of(const hfx_table *table, int64_t start, const hfx_cluster *cluster, int64_t unit,
+                        double distance) {
+  const double *own = cluster->rest + 4 * unit;
+  double far = 0.0;
+  for (int64_t q = table->quad_starts[start + unit]; q < table->quad_starts[start + unit + 1]; q++) {
+    const hfx_quad *quad = table->quads + q;
+    const double *one = cluster->rest + 4 * (table->around[2 * q] - start);
+    const double *two = cluster->rest + 4 * (table->around[2 * q + 1] - start);
+    double squares[3] = {0.0, 0.0, 0.0};
+    for (int i = 0; i < 3; i++) {
+      double way = quad->edge * (one[i] - own[i]), other = quad->other * (two[i] - own[i]);
+      double inner = quad->inner * (one[i] - own[i]) + quad->inner_2 * (two[i] - own[i]);
+      squares[0] += way * way, squares[1] += other * other, squares[2] += inner * inner;
+    }
+    double squared = hfx_larger(hfx_larger(squares[0], squares[1]), squares[2]);
+    far = hfx_larger(far, sqrt(squared) + 2.0 * table->heights[q] * distance);
+  }
+  double extent = far * (1.0 + ROUNDING) / table->reaches[start + unit];
+  return extent < distance ? extent : distance;
+}
+
+// See SkinnedModel.links: of each unit of a cluster the distance to its farthest neighbour at rest and its
+// extent, (units,), by how much the weights of each bone differ, the most of any neighbour, (bones, units), and
+// the most of these, (1 + bones,), see hfx_cluster.
 static void links_of(const hfx_table *table, int64_t number, const hfx_cluster *cluster,
-                     double *room, double *distances, double *differences) {
+                     double *room, double *distances, double *differences, double *extents,
+                     double *farthest) {
   int64_t start = table->starts[number], bones = cluster->bone_count;
   int64_t units = table->unit_counts[number];
   double *apart = room, *most = room + bones;
+  for (int64_t b = 0; b <= bones; b++) farthest[b] = 0.0;
   for (int64_t u = 0; u < units; u++) {
     double squared = 0.0;
     int corners = table->is_ringed[start + u] ? 1 : 2;  // the others would be the same again
@@ -126,16 +152,23 @@ static void links_of(const hfx_table *table, int64_t number, const hfx_cluster *
         for (int64_t b = 0; b < bones; b++) most[b] = hfx_larger(most[b], fabs(apart[b]));
       }
     distances[u] = sqrt(squared);
-    for (int64_t b = 0; b < bones; b++) differences[b * units + u] = most[b];
+    extents[u] = extent_of(table, start, cluster, u, distances[u]);
+    double reach = table->reaches[start + u];
+    farthest[0] = hfx_larger(farthest[0], extents[u] * reach);
+    for (int64_t b = 0; b < bones; b++) {
+      differences[b * units + u] = most[b];
+      farthest[1 + b] = hfx_larger(farthest[1 + b], most[b] * reach);
+    }
   }
 }
 
-// The same of some clusters, whose distances begin at the first of `starts` (2, requested + 1), and whose
-// differences at the second. `room` holds 2 numbers for each bone of any of them.
+// The same of some clusters, whose distances and extents begin at the first of `starts` (3, requested + 1), whose
+// differences at the second, and whose most at the third. `room` holds 2 numbers for each bone of any of them.
 HFX_EXPORT void hfx_find_links(const hfx_table *table, const hfx_cluster *clusters, int64_t requested,
                                const int64_t *numbers, const int64_t *starts, double *room,
-                               double *distances, double *differences) {
+                               double *distances, double *differences, double *extents,
+                               double *farthest) {
   for (int64_t k = 0; k < requested; k++)
     links_of(table, numbers[k], clusters + numbers[k], room, distances + starts[k],
-             differences + starts[requested + 1 + k]);
+             differences + starts[requested + 1 + k], extents + starts[k], farthest + starts[2 * (requested + 1) + k]);
 }

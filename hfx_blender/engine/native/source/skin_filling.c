@@ -96,6 +96,7 @@ static double fill_quads(const hfx_table *table, const hfx_skin_mesh *mesh, cons
     double longest = hfx_diagonal(quad, extents[k].squares, INFINITY);
     for (int i = 0; i < 2; i++)
       *steps[i]++ = (int64_t)hfx_steps_within(quad, extents[k].squares, longest, distances[i]);
+    table->diagonals[first + k] = hfx_longest(quad, (double)table->steps[first + k]);
     table->unit_of[first + k] = unit;
     for (int i = 0; i < 2; i++) table->around[2 * (first + k) + i] = place[ring[1 + i]];
     balance[ring[1]]++;

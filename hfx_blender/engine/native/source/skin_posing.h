@@ -79,24 +79,37 @@ static inline void hfx_pose_one(const hfx_cluster *cluster, const hfx_bones *bon
   hfx_move(mean, cluster->rest + 4 * place, point);
 }
 
+// Largest distance by which a difference of two matrices moves a place of a cluster's box, whose centre and
+// radius are the last of `moved`, see hfx_cluster.
+static inline double hfx_box_move(const hfx_two difference[6], const double *moved) {
+  hfx_two centre[2] = {{moved[1], moved[2]}, {moved[3], moved[4]}}, squares = {0.0, 0.0};
+  double way = 0.0, turned = 0.0;
+  for (int i = 0; i < 3; i++) {
+    hfx_two one = difference[2 * i], other = difference[2 * i + 1];
+    hfx_two sums = one * centre[0] + other * centre[1];
+    double each = sums[0] + sums[1];
+    way += each * each, turned += other[0] * other[0], squares += one * one;
+  }
+  hfx_two lengths = hfx_roots((hfx_two){way, turned + squares[0] + squares[1]});
+  return lengths[0] + lengths[1] * moved[5];
+}
+
+// The matrix of a bone of a cluster at a row.
+static inline const hfx_loose *hfx_matrix_of(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
+                                             int64_t bone) {
+  return (const hfx_loose *)(bones->matrices + 12 * (row * bones->count + bones->slots[cluster->bones[bone]]));
+}
+
 // Largest distance that any place of a cluster can have moved from one row to another, straight.
 static inline double hfx_moved(const hfx_cluster *cluster, const hfx_bones *bones, int64_t before,
                                int64_t after) {
   double most = 0.0;
   for (int64_t b = 0; b < cluster->bone_count; b++) {
-    int64_t slot = bones->slots[cluster->bones[b]];
-    const double *one = bones->matrices + 12 * (before * bones->count + slot);
-    const double *other = bones->matrices + 12 * (after * bones->count + slot);
-    const double *moved = cluster->moved + 6 * b;
-    double way = 0.0, turned = 0.0;
-    for (int i = 0; i < 3; i++) {
-      double d[4];
-      for (int j = 0; j < 4; j++) d[j] = other[4 * i + j] - one[4 * i + j];
-      double each = d[0] * moved[1] + d[1] * moved[2] + d[2] * moved[3] + d[3];
-      way += each * each;
-      turned += d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-    }
-    most = hfx_larger(most, sqrt(way) + sqrt(turned) * moved[5]);
+    const hfx_loose *one = hfx_matrix_of(cluster, bones, before, b);
+    const hfx_loose *other = hfx_matrix_of(cluster, bones, after, b);
+    hfx_two difference[6];
+    for (int i = 0; i < 6; i++) difference[i] = other[i] - one[i];
+    most = hfx_larger(most, hfx_box_move(difference, cluster->moved + 6 * b));
   }
   return most;
 }
@@ -112,34 +125,25 @@ typedef struct {
 // w_b M_b x: of such a sum only how the M_b differ from their mean, and how that stretches, matters.
 static inline void hfx_find_spread(const hfx_cluster *cluster, const hfx_bones *bones, int64_t row,
                                    hfx_spread *spread) {
-  double mean[12] = {0.0}, farthest = 0.0;
+  hfx_two mean[6] = {{0.0, 0.0}};
+  double farthest = 0.0;
   spread->along = 0.0;
   for (int64_t b = 0; b < cluster->bone_count; b++) {
-    int64_t at = row * bones->count + bones->slots[cluster->bones[b]];
-    const double *m = bones->matrices + 12 * at;
-    spread->along = hfx_larger(spread->along, bones->stretches[at]);
-    for (int i = 0; i < 12; i++) mean[i] += m[i] * cluster->moved[6 * b];
+    const hfx_loose *m = hfx_matrix_of(cluster, bones, row, b);
+    double stretch = bones->stretches[row * bones->count + bones->slots[cluster->bones[b]]];
+    spread->along = hfx_larger(spread->along, stretch);
+    for (int i = 0; i < 6; i++) mean[i] += m[i] * cluster->moved[6 * b];
   }
   for (int64_t b = 0; b < cluster->bone_count; b++) {
     spread->apart[b] = 0.0;
     if (cluster->bone_count < 2) break;
-    const double *m = bones->matrices + 12 * (row * bones->count + bones->slots[cluster->bones[b]]);
-    const double *moved = cluster->moved + 6 * b;
-    double way = 0.0, turned = 0.0;
-    for (int i = 0; i < 3; i++) {
-      double d[4];
-      for (int j = 0; j < 4; j++) d[j] = m[4 * i + j] - mean[4 * i + j];
-      double each = d[0] * moved[1] + d[1] * moved[2] + d[2] * moved[3] + d[3] * moved[4];
-      way += each * each;
-      turned += d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-    }
-    spread->apart[b] = sqrt(way) + sqrt(turned) * moved[5];
+    const hfx_loose *m = hfx_matrix_of(cluster, bones, row, b);
+    hfx_two difference[6];
+    for (int i = 0; i < 6; i++) difference[i] = m[i] - mean[i];
+    spread->apart[b] = hfx_box_move(difference, cluster->moved + 6 * b);
     farthest = hfx_larger(farthest, spread->apart[b]);
   }
-  const double *centre = cluster->moved + 1;
-  for (int i = 0; i < 3; i++)
-    spread->middle[i] = mean[4 * i] * centre[0] + mean[4 * i + 1] * centre[1] +
-                       mean[4 * i + 2] * centre[2] + mean[4 * i + 3];
+  hfx_move(mean, cluster->moved + 1, spread->middle);
   spread->radius = farthest + spread->along * cluster->moved[5];
 }
 

@@ -40,19 +40,38 @@ static inline double hfx_height(const hfx_quad *quad) {
   return hfx_larger(hfx_larger(fabs(quad->to_one), fabs(quad->to_two)), fabs(quad->between)) / 3.0;
 }
 
+// Diagonals of the parts of a quad at its corners, times the steps, as shares of its triangle's edges.
+static inline void hfx_diagonals(const hfx_quad *quad, double steps, double ways[4][2]) {
+  double most = 1.0 - 0.5 / steps, less = 1.0 - most, more = 1.0 + most;
+  double edge = quad->edge, other = quad->other, inner = quad->inner, inner_2 = quad->inner_2;
+  double all[4][2] = {{edge * most + inner * less, other * most + inner_2 * less},
+                      {inner * more - edge * most, inner_2 * more - other * most},
+                      {edge * less + inner * most, inner_2 * most - other * more},
+                      {edge * more - inner * most, -other * less - inner_2 * most}};
+  for (int k = 0; k < 8; k++) ways[k / 2][k % 2] = all[k / 2][k % 2];
+}
+
+// No less than hfx_diagonal over the square of the triangle's longest edge. Shares of both edges that have one
+// sign add up; else they are a share of the third edge, and what is left of one.
+static inline double hfx_longest(const hfx_quad *quad, double steps) {
+  double ways[4][2], longest = 0.0;
+  hfx_diagonals(quad, steps, ways);
+  for (int k = 0; k < 4; k++) {
+    double one = ways[k][0], two = ways[k][1];
+    double share = one * two > 0.0 ? fabs(one + two) : hfx_larger(fabs(one), fabs(two));
+    longest = hfx_larger(longest, share * share);
+  }
+  return longest * (1.0 + ROUNDING);
+}
+
 // The longest diagonal of any part of a quad divided so, times the steps, squared. `squares` are the squared
 // lengths of its triangle's edges and, between, their product. The place for (s, t) is linear in either, so
 // that the way from a part's sample to its corner is half a step times the sum, or the difference, of both
 // derivatives halfway there. Over the quad these are longest at its corners; halfway is a quarter of a step
 // inside.
 static inline double hfx_diagonal(const hfx_quad *quad, const double squares[3], double steps) {
-  double most = 1.0 - 0.5 / steps, less = 1.0 - most, more = 1.0 + most;
-  double edge = quad->edge, other = quad->other, inner = quad->inner, inner_2 = quad->inner_2;
-  double ways[4][2] = {{edge * most + inner * less, other * most + inner_2 * less},
-                       {inner * more - edge * most, inner_2 * more - other * most},
-                       {edge * less + inner * most, inner_2 * most - other * more},
-                       {edge * more - inner * most, -other * less - inner_2 * most}};
-  double longest = 0.0;
+  double ways[4][2], longest = 0.0;
+  hfx_diagonals(quad, steps, ways);
   for (int k = 0; k < 4; k++) {
     double one = ways[k][0], two = ways[k][1];
     double squared = one * one * squares[0] + 2.0 * one * two * squares[1] + two * two * squares[2];
