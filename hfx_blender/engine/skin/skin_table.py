@@ -51,7 +51,7 @@ class SkinTable:
     cell_of, unit_shares, vertex_shares, reaches, means : (P,)
         For each unit: cell; fraction of the cell's area; fraction represented by the sample at the
         vertex; largest and mean extent of its skin as a fraction of the way to the farthest corner.
-    quad_starts, unit_of, around : (P + 1,), (Q,), (Q, 2) int64
+    quad_starts, unit_of, around : (P + 1,), (Q,) int64, (Q, 2) int32
         First quad of each unit; unit of each quad, and places of the two other corners of its
         triangle.
     is_ringed : (P,) uint8
@@ -113,8 +113,8 @@ class SkinTable:
         self.unit_shares, self.vertex_shares = np.zeros(total), np.zeros(total)
         self.reaches = np.zeros(total)
         self.means, self.is_ringed = np.zeros(total), np.zeros(total, np.uint8)
-        self.unit_of, self.around = np.zeros(quads, np.int64), np.zeros((quads, 2), np.int64)
-        self.steps, self.finest = np.zeros(quads, np.int64), np.zeros(quads, np.int64)
+        self.unit_of, self.around = np.zeros(quads, np.int64), np.zeros((quads, 2), np.int32)
+        self.steps, self.finest = np.zeros((2, quads), np.int32)
         self.wholes, self.heights, self.diagonals = np.zeros((3, quads))
         self.sample_starts, self.quads = np.zeros(quads, np.int64), np.zeros((quads, 10))
         self.most_samples = np.ones(len(cells), np.int64)

@@ -199,8 +199,8 @@ static inline double gap_of(context *ctx, posed_pair *pair, int64_t unit) {
   const double *own = place_of(ctx, pair, unit);
   if (!(pair->exact_gaps[unit] < 0.0)) return pair->exact_gaps[unit];
   int64_t first = ctx->first, place = first + unit;
-  const int64_t *other = ctx->table->around + 2 * ctx->table->quad_starts[place];
-  const int64_t *last = ctx->table->around + 2 * ctx->table->quad_starts[place + 1];
+  const int32_t *other = ctx->table->around + 2 * ctx->table->quad_starts[place];
+  const int32_t *last = ctx->table->around + 2 * ctx->table->quad_starts[place + 1];
   const double x = own[0], y = own[1], z = own[2];
   double squared = 0.0, sum = 0.0;
   for (int step = ctx->table->is_ringed[place] ? 2 : 1; other < last; other += step) {

@@ -31,7 +31,8 @@ typedef struct {
   // Filled in by skin_filling.c.
   double *unit_shares, *vertex_shares, *reaches, *means;             // of places
   uint8_t *is_ringed;                                                // of places
-  int64_t *unit_of, *around, *steps, *finest, *sample_starts;        // of quads; around: (quads, 2)
+  int32_t *around, *steps, *finest;                                  // of quads; around: (quads, 2)
+  int64_t *unit_of, *sample_starts;                                  // of quads
   double *wholes, *heights, *diagonals;                              // of quads
   hfx_quad *quads;
   int64_t *most_samples;                                             // of clusters

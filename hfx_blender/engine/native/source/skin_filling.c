@@ -83,7 +83,7 @@ static double fill_quads(const hfx_table *table, const hfx_skin_mesh *mesh, cons
   int64_t vertex = table->vertices[unit], first = table->quad_starts[unit];
   int64_t count = table->quad_starts[unit + 1] - first;
   const int64_t *corners = mesh->corners + mesh->starts[vertex];
-  int64_t *steps[2] = {table->steps + first, table->finest + first};
+  int32_t *steps[2] = {table->steps + first, table->finest + first};
   const double distances[2] = {spacing->distance[vertex], spacing->finest[vertex]};
   double area = 0.0;
   uint8_t is_ringed = 1;
@@ -95,10 +95,10 @@ static double fill_quads(const hfx_table *table, const hfx_skin_mesh *mesh, cons
     area += extents[k].total;
     double longest = hfx_diagonal(quad, extents[k].squares, INFINITY);
     for (int i = 0; i < 2; i++)
-      *steps[i]++ = (int64_t)hfx_steps_within(quad, extents[k].squares, longest, distances[i]);
+      *steps[i]++ = (int32_t)hfx_steps_within(quad, extents[k].squares, longest, distances[i]);
     table->diagonals[first + k] = hfx_longest(quad, (double)table->steps[first + k]);
     table->unit_of[first + k] = unit;
-    for (int i = 0; i < 2; i++) table->around[2 * (first + k) + i] = place[ring[1 + i]];
+    for (int i = 0; i < 2; i++) table->around[2 * (first + k) + i] = (int32_t)place[ring[1 + i]];
     balance[ring[1]]++;
     balance[ring[2]]--;
   }
