@@ -2,7 +2,6 @@
 """Clips: NLA strips that animate an effect's ``activation`` over a span of the timeline."""
 
 from collections.abc import Container, Iterable, Mapping, Sequence
-from itertools import chain
 from math import ceil, floor
 
 import bpy
@@ -292,8 +291,7 @@ def shift_times(effects: Iterable[bpy.types.Object], frames: float) -> None:
 def deselect_all(but: Container[bpy.types.Object] = ()) -> None:
     """Deselect the NLA strips of all data-blocks, except of the objects ``but``, as the NLA Editor
     moves every selected strip."""
-    collections = (p for p in bpy.data.bl_rna.properties if p.type == "COLLECTION")
-    for owner in chain.from_iterable(getattr(bpy.data, p.identifier) for p in collections):
+    for owner in compat.data_blocks():
         data = getattr(owner, "animation_data", None)
         is_kept = data is None or owner.library is not None or owner in but
         for track in () if is_kept else data.nla_tracks:

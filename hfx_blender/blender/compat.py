@@ -167,7 +167,7 @@ def strips(editor: bpy.types.SequenceEditor) -> bpy.types.bpy_prop_collection:
 
 def properties(owner: bpy.types.ID) -> object:
     """The add-on's properties of a datablock as comparable plain values; None without any."""
-    return _plain(stored_properties(owner).get("hfx")) or None
+    return plain(stored_properties(owner).get("hfx")) or None
 
 
 def stored_properties(owner: bpy.types.bpy_struct) -> Mapping[str, Any]:
@@ -177,16 +177,23 @@ def stored_properties(owner: bpy.types.bpy_struct) -> Mapping[str, Any]:
     return owner
 
 
-def _plain(value: Any) -> object:
+def plain(value: Any) -> object:
+    """Stored value as comparable plain data: data-blocks by full name, without empty groups."""
     if isinstance(value, bpy.types.ID):
         return value.name_full
     if hasattr(value, "items"):
-        entries = {key: _plain(entry) for key, entry in value.items()}
+        entries = {key: plain(entry) for key, entry in value.items()}
         # Reading an unset group or pointer stores an empty group, which is no difference.
         return {key: entry for key, entry in entries.items() if entry or entry == 0}
     if hasattr(value, "to_list"):
         return value.to_list()
-    return [_plain(entry) for entry in value] if isinstance(value, list) else value
+    return [plain(entry) for entry in value] if isinstance(value, list) else value
+
+
+def data_blocks() -> Iterator[bpy.types.ID]:
+    """Iterate over all data-blocks of the open file."""
+    collections = (p for p in bpy.data.bl_rna.properties if p.type == "COLLECTION")
+    return chain.from_iterable(getattr(bpy.data, p.identifier) for p in collections)
 
 
 def file_path_map() -> Mapping[bpy.types.ID, set[str]]:

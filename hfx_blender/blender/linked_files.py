@@ -7,7 +7,7 @@ caches, files imported by geometry nodes, and scans.
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
@@ -35,8 +35,10 @@ def linked_files() -> dict[str, LinkedFile]:
     folder of the .blend, so names stay valid if the folder is moved as a whole. An absolute path is
     the name itself."""
     files: dict[str, LinkedFile] = {}
-    listed = _paths_listed_by_blender(), _paths_of_objects(), _paths_of_nodes(), _paths_of_caches()
-    for owner, raw, must_be in chain(*listed):
+    may_have = (obj for obj in bpy.data.objects if obj.modifiers or obj.particle_systems)
+    folders = {obj: _folders_of(obj) for obj in may_have}
+    of_objects = _paths_listed_by_blender(folders), _paths_of_objects(folders)
+    for owner, raw, must_be in chain(*of_objects, _paths_of_nodes(), _paths_of_caches()):
         path = Path(bpy.path.abspath(raw, library=owner.library))
         # A numbered sequence names one file of many. The last digits become a placeholder.
         is_row = getattr(owner, "source", "") == "SEQUENCE" or getattr(owner, "is_sequence", False)
@@ -54,10 +56,11 @@ def linked_files() -> dict[str, LinkedFile]:
     return dict(sorted(files.items()))
 
 
-def files_read() -> list[Path]:
-    """Paths of the open .blend, if saved, and of its external files on this machine."""
+def files_read(files: Mapping[str, LinkedFile]) -> list[Path]:
+    """Paths of the open .blend, if saved, and of those of its external ``files`` on this
+    machine."""
     source = Path(bpy.data.filepath) if bpy.data.filepath else None
-    paths = [file.path for file in linked_files().values()]
+    paths = [file.path for file in files.values()]
     return [*filter(None, [source]), *(path for path in paths if not is_elsewhere(path, source))]
 
 
@@ -69,12 +72,13 @@ def refuse_endless() -> None:
             raise InputError(f"'{name}' of {file.user} is a pipe, a device or a socket, no file.")
 
 
-def warnings_of_files() -> list[str]:
-    """Warnings about missing files, folders in place of files, and files that --resume ignores."""
+def warnings_of_files(files: Mapping[str, LinkedFile]) -> list[str]:
+    """Warnings about missing ``files``, folders in place of files, and files that --resume
+    ignores."""
     source = Path(bpy.data.filepath) if bpy.data.filepath else None
     again = "--resume exports the scene again"
     warnings = []
-    for name, file in linked_files().items():
+    for name, file in files.items():
         fault = None
         if is_elsewhere(file.path, source):
             fault = f"is on another machine: it is not compared, and {again}"
@@ -128,15 +132,17 @@ _Path = tuple[bpy.types.ID, str, bool]
 """Datablock with a path, the path as stored, and a flag for files that must exist."""
 
 
-def _paths_listed_by_blender() -> Iterator[_Path]:
-    """Yield the paths of Blender's own list, without texts and packed files. Folders of bakes and
-    point caches are listed too, and need not exist."""
+def _paths_listed_by_blender(folders_of: Mapping[bpy.types.Object, set[str]]) -> Iterator[_Path]:
+    """Yield the paths of Blender's own list, without texts and packed files. Folders of bakes, by
+    object, and point caches are listed too, and need not exist."""
     folders = {
         bpy.path.abspath(raw, library=obj.library)
-        for obj in bpy.data.objects
-        for raw in _folders_of(obj)
+        for obj, paths in folders_of.items()
+        for raw in paths
     }
     for owner, paths in compat.file_path_map().items():
+        if not paths:
+            continue  # most data-blocks
         is_packed = getattr(owner, "packed_file", None) is not None
         if (
             isinstance(owner, bpy.types.Text)
@@ -151,10 +157,10 @@ def _paths_listed_by_blender() -> Iterator[_Path]:
             yield owner, raw, path not in folders and not is_cache
 
 
-def _paths_of_objects() -> Iterator[_Path]:
+def _paths_of_objects(folders_of: Mapping[bpy.types.Object, set[str]]) -> Iterator[_Path]:
     """Yield cache folders of objects, and scan files of surfaces with that source; all optional."""
     for obj in bpy.data.objects:
-        for raw in _folders_of(obj):
+        for raw in folders_of.get(obj, ()):
             yield obj, raw, False
         # The raw stored value: reading the property erases a value of another type.
         if not stored_values.stored_at(obj, "surface", "scan_path"):

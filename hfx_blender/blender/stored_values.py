@@ -17,8 +17,6 @@ from . import compat
 
 _NUMBERS = {"BOOLEAN": (bool, int), "INT": (int,), "FLOAT": (float,), "ENUM": (int,)}
 _ARRAYS = {"BOOLEAN": "bi", "INT": "i", "FLOAT": "fd"}  # types of elements
-_MOST_FAULTS = 1024
-_FAULTS: "dict[tuple[type, str], list[BadValue]]" = {}  # by type of owner and text of its values
 _ENDLESS = 3e38
 """Bound of a float property without limits."""
 _HARD_LIMITS: dict[tuple[type, str], tuple[float, float]] = {}  # by type of group and property
@@ -50,18 +48,9 @@ def bad_values(owner: bpy.types.ID) -> list[BadValue]:
         return []
     if not hasattr(stored, "keys"):
         return [BadValue("", _described(stored), "a group of properties", "nothing")]
-    # Objects of a scene share most settings, and equal values have equal faults. Ids differ, and
-    # each text is allowed; the text of an empty array hides the type of its elements.
-    values = stored.to_dict()
-    settings = repr(values | {"uid": ""} if isinstance(values.get("uid"), str) else values)
-    if "[]" in settings or (type(owner), settings) not in _FAULTS:
-        if len(_FAULTS) >= _MOST_FAULTS:
-            _FAULTS.clear()
-        # Of about 50 properties few are stored, so these are looked up, and sorted only if bad.
-        order = owner.hfx.bl_rna.properties.find
-        bad = sorted(_bad_of(owner.hfx, stored, ""), key=lambda bad: order(bad.top))
-        _FAULTS[type(owner), settings] = bad
-    return [*_FAULTS[type(owner), settings]]
+    # Of about 50 properties few are stored, so these are looked up, and sorted only if bad.
+    order = owner.hfx.bl_rna.properties.find
+    return sorted(_bad_of(owner.hfx, stored, ""), key=lambda bad: order(bad.top))
 
 
 def stored_at(owner: bpy.types.ID, *names: str) -> Any:

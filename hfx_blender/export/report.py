@@ -71,19 +71,21 @@ class ExportReport:
         }
 
 
-def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[dict[str, Any], ...]:
+def felt_effects(
+    track: TrackReader, times: FeltTimes | None = None, unfelt: Collection[str] = ()
+) -> tuple[dict[str, Any], ...]:
     """Facts of each stream of a track: name, body, modality, seconds, times and vertices. With
     ``times``, only samples of nonzero strength count for seconds, and for the first and last time
-    (seconds; None without samples)."""
+    (seconds; None without samples). Streams of ``unfelt`` effects, by name, need samples."""
     # A stream holds the samples of one effect on one body.
     bodies = {body.id: body.name for body in track.header.bodies}
     period_s = 1.0 / float(track.header.time.rate_hz)
     return tuple(
         {
-            "effect": track.header.effect(summary.stream).name,
+            "effect": effect.name,
             "body": bodies[summary.stream.body_id],
             "modality": summary.stream.modality,
-            "kind": track.header.effect(summary.stream).kind,
+            "kind": effect.kind,
             "seconds": round(strong.sample_count * period_s, 6),
             "first_s": strong.first_s,
             "last_s": strong.last_s,
@@ -92,6 +94,8 @@ def felt_effects(track: TrackReader, times: FeltTimes | None = None) -> tuple[di
             "peak_level": summary.peak_level,
         }
         for summary in track.summary()
+        for effect in [track.header.effect(summary.stream)]
+        if summary.sample_count or effect.name not in unfelt
         for strong in [_with_strength(summary, track.header, times)]
     )
 

@@ -45,20 +45,9 @@ from ..reading.description.scene_settings import formats_without, scene_toleranc
 from ..reading.description.unfelt import is_partial
 from ..reading.scene_reader import BLOCK_SIZE, SceneReader
 from ..text import MOST_LINES, counted, shortened
-from . import result_files
+from . import report, result_files
 from .clip_files import write_clips
 from .recording import Recorded, SceneRecorders, record_track
-from .report import (
-    REPORT_SUFFIX,
-    ExportReport,
-    below_threshold,
-    effect_facts,
-    encoded_report,
-    felt_effects,
-    not_played,
-    shortfalls,
-    stale_files,
-)
 
 _THREADS: Final = 8
 """Largest number of engine threads; one thread reads, renders and writes, and cannot feed more."""
@@ -156,7 +145,7 @@ class SceneExport:
         stem: str,
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
-    ) -> Generator[float, None, ExportReport]:
+    ) -> Generator[float, None, report.ExportReport]:
         """Export to ``folder/stem.*``, see :func:`export_scene`, in steps of :mod:`.stepwise`;
         closed early, no files are left. ``made_from`` is stored in the report. Unfinished files are
         in a new folder in ``stage_in``, or in ``folder`` by default."""
@@ -193,7 +182,7 @@ class SceneExport:
         stem: str,
         made_from: Mapping[str, Any] | None = None,
         stage_in: Path | None = None,
-    ) -> ExportReport:
+    ) -> report.ExportReport:
         """Merge parts, in order of time, into the results of :meth:`steps`. Devices are rendered
         here, on the whole track, because devices carry state between samples."""
         with staging(folder, stem, stage_in) as stage:
@@ -255,7 +244,7 @@ class SceneExport:
         rendered: Rendered,
         folder: Path,
         made_from: Mapping[str, Any],
-    ) -> ExportReport:
+    ) -> report.ExportReport:
         """Write the files and the report of a recorded track, close it, and move all into
         ``folder``, the report last. Stale files of silenced devices are removed. InputError for
         warnings if strict, before any move."""
@@ -266,7 +255,7 @@ class SceneExport:
             for effect in self.reader.description.effects
             if isinstance(effect.area, HapticVolume) and effect.area.response
         }
-        effects, missed = effect_facts(
+        effects, missed = report.effect_facts(
             whole,
             self._without_clip | self.reader.unfelt,
             recorded.warnings,
@@ -279,16 +268,16 @@ class SceneExport:
         unfelt = {line["effect"] for line in effects if not line["felt"]}
         felt_lines = tuple(
             line
-            for line in felt_effects(whole, recorded.times)
+            for line in report.felt_effects(whole, recorded.times, unfelt)
             # Unfelt effects have lines for samples without strength only.
             if line["effect"] not in unfelt
             or (line["mean_vertices"] and line["effect"] not in self._without_clip)
         )
         written, rendered = self._write(whole, recorders, rendered, stem)
         rasters = [raster for _, raster in rendered.played]
-        lost = not_played(whole.header, rasters, self._without_clip)
-        short = shortfalls(whole.header, rasters, self._without_clip)
-        short += below_threshold(whole.header, recorded.times)
+        lost = report.not_played(whole.header, rasters, self._without_clip)
+        short = report.shortfalls(whole.header, rasters, self._without_clip)
+        short += report.below_threshold(whole.header, recorded.times)
         whole.close()  # Windows moves no open file
         silenced = {**settings.missing, **rendered.silent}
         silent = tuple(silenced.values())
@@ -297,9 +286,11 @@ class SceneExport:
         if settings.strict:
             _refuse(new_warnings)
         new = {folder / path.relative_to(stem.parent) for path in written.files}
-        earlier = [path for path in stale_files(folder, stem.name, silenced) if path not in new]
+        earlier = [
+            path for path in report.stale_files(folder, stem.name, silenced) if path not in new
+        ]
         removed = tuple(f"{path.name} of an earlier export is removed" for path in earlier)
-        report = ExportReport(
+        result = report.ExportReport(
             scene=self._scene.name,
             folder=stem.parent,
             files=written.files,
@@ -319,16 +310,16 @@ class SceneExport:
             made_from=made_from,
         )
         # Everything is complete in the staging folder; moving files is the only step that is left.
-        report_file = stem.with_name(stem.name + REPORT_SUFFIX)
+        report_file = stem.with_name(stem.name + report.REPORT_SUFFIX)
         with atomic_file(report_file) as file:
-            file.write(encoded_report(report.as_dict(), report_file.name))
+            file.write(report.encoded_report(result.as_dict(), report_file.name))
         # The report comes last: its presence implies the presence of all of its files.
-        with inputs_kept(linked_files.files_read()):
-            placed = place((*report.files, report_file), folder, stem.parent)
+        with inputs_kept(linked_files.files_read(self.reader.files)):
+            placed = place((*result.files, report_file), folder, stem.parent)
         # An old file would pass for the device's present output.
         for path in earlier:
             path.unlink(missing_ok=True)
-        return replace(report, folder=folder, files=placed)
+        return replace(result, folder=folder, files=placed)
 
     def _write(
         self, whole: TrackReader, recorders: SceneRecorders, rendered: Rendered, stem: Path
@@ -372,7 +363,7 @@ def export_scene(
     stem: str,
     settings: ExportSettings,
     progress: Progress = lambda share: None,
-) -> ExportReport:
+) -> report.ExportReport:
     """Export a scene of the open file as ``folder/stem.*``; after an error nothing is left. Raises
     InputError for an unusable scene, OutputError for an unwritable folder."""
     return finish(SceneExport(scene, settings).steps(folder, stem), progress)

@@ -5,11 +5,7 @@ from collections.abc import Callable, Generator
 from functools import cache
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    EnumProperty,
-    StringProperty,
-)
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ..authoring import painting
 from ..authoring.effects import effects

@@ -53,15 +53,17 @@ class BoundedVolumes:
         self, found: HapticObjects, scene: SceneDescription, make: Callable[[int], CurveEffect]
     ) -> None:
         stays: dict[bpy.types.Object, bool] = {}
-        pairs = [*zip(found.effects, found.activations, strict=True)]
-        plain = [k for k in found.active if _is_plain(*pairs[k], stays)]
+        states = dict(zip(found.effects, found.activations, strict=True))
+        is_usable = found.equal.shared(lambda effect: _is_usable(effect, states[effect]))
+        usable = [k for k in found.active if is_usable(found.effects[k])]
+        plain = [k for k in usable if _is_held(found.effects[k], stays)]
         self._volumes = FarVolumes(found, scene, plain)
         shown = self._volumes.read(Stepper(found.scene, found.layer))
         self._matrices = effect_values.to_metres(shown.matrices, found.unit_m)
         # A flattened volume gives a warning even far from skin, so it is not bounded here.
         is_placed = inverse_placement(self._matrices)[1] & (shown.boxes[:, 1] > 0.0).all(axis=1)
         is_placed &= shown.there & (np.abs(self._matrices) <= FARTHEST).all(axis=(1, 2))
-        effects = [pairs[k][0] for k in self._volumes.numbers]
+        effects = [found.effects[k] for k in self._volumes.numbers]
         rows = np.flatnonzero([effect.animation_data is not None for effect in effects])
         limits = np.array([_limits(effects[row]) for row in rows]).reshape(-1, 4, 3, 2)
         places, shifts, scales, factors = limits.transpose(1, 0, 3, 2)
@@ -80,6 +82,8 @@ class BoundedVolumes:
         rows = rows[is_placed[rows]]
         is_placed[rows[:: max(len(rows) // _COMPARED, 1)]] = False
         self._places = VolumePlacements(is_placed[None], matrices[None], boxes[None])
+        around = self._volumes.around(self._places)
+        self._low, self._high = (corners[is_placed] for corners in around)
         self.numbers = tuple(np.array(self._volumes.numbers, np.int64)[is_placed].tolist())
         self.keyed = frozenset(self._volumes.numbers[row] for row in rows if is_placed[row])
         self._rows = dict(zip(self.numbers, np.flatnonzero(is_placed).tolist(), strict=True))
@@ -92,7 +96,7 @@ class BoundedVolumes:
         block for each body of the scene."""
         if len(self.numbers) < _FEWEST:
             return np.ones(len(self.numbers), np.bool_)
-        return self._volumes.are_near(self._places, poses)[self._places.there[0]]
+        return self._volumes.meet(self._low, self._high, poses)
 
     def still_block(self, which: int, count: int) -> EffectBlock:
         """Block of a still volume by index at ``count`` times, equal at all; shared by equal
@@ -111,22 +115,22 @@ class BoundedVolumes:
         return known
 
 
-def _is_plain(
-    effect: bpy.types.Object, state: Activation, stays: dict[bpy.types.Object, bool]
-) -> bool:
-    """Test for a volume with a formula, always on, with finite values, and without any motion but
-    that of F-curves without a parent."""
+def _is_usable(effect: bpy.types.Object, state: Activation) -> bool:
+    """Test for a volume with a formula, always on, with finite values."""
     hfx = effect.hfx
     has_formula = hfx.kind == "VOLUME" and hfx.shape != "MESH"
     if not has_formula or state.source is not ActivationSource.ALWAYS_ON:
         return False
-    if effect.animation_data is None:
-        is_held = _stays(effect, stays)
-    else:
-        is_held = not _is_moved(effect) and effect.parent is None
     names = ("intensity", "group_gain", *effect_values.properties_of(hfx.modality))
-    are_finite = all(isfinite(getattr(hfx, name)) for name in names)
-    return is_held and are_finite and hfx.intensity > 0.0
+    return all(isfinite(getattr(hfx, name)) for name in names) and hfx.intensity > 0.0
+
+
+def _is_held(effect: bpy.types.Object, stays: dict[bpy.types.Object, bool]) -> bool:
+    """Test that nothing moves an object, or only F-curves, without a parent. Results are cached in
+    ``stays``, see :func:`_stays`."""
+    if effect.animation_data is None:
+        return _stays(effect, stays)
+    return not _is_moved(effect) and effect.parent is None
 
 
 def _stays(obj: bpy.types.Object, known: dict[bpy.types.Object, bool]) -> bool:

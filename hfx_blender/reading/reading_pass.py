@@ -4,6 +4,7 @@
 Stepped effects and bodies are read at single times; of volumes far from skin only placements.
 """
 
+from collections.abc import Collection
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -21,7 +22,7 @@ from ..engine.scene import (
 from .curves.animation_time import ExactFrames, animation_frames, sample_frames
 from .curves.curve_reading import CurveBody, CurveEffect, EffectChunks
 from .description import response_values
-from .description.scene_description import IN_SCENE, HapticObjects
+from .description.scene_description import HapticObjects
 from .reading_plan import Plan
 from .stepped import stepping
 from .stepped.stepped_reading import SceneRow, SteppedReading, effect_block, pose_block, silence
@@ -59,14 +60,15 @@ class ReadingPass:
         self.stepped_effects = tuple(k for k in haptics.active if k not in read)
         self.stepped_bodies = tuple(k for k in range(len(haptics.bodies)) if k not in plan.bodies)
         self.dormant = tuple(sorted({*range(len(haptics.effects))}.difference(haptics.active)))
-        self.in_scene = frozenset(
-            k for k in haptics.active if haptics.effects[k].hfx.kind in IN_SCENE
-        )
+        # Surfaces count as volumes.
+        self.in_scene = frozenset(k for k in haptics.active if scene.effects[k].kind == "volume")
         self.always_posed, self._is_comparison = always_posed, is_comparison
         self.counters = reading.counters
         # Of bounded volumes only those near skin are asked for.
         made = plan.effects.get
         self.curves = EffectChunks(lambda k: made(k) or plan.bounded.effect(k), self._frames)
+        self._bounded_on = {scene.effects[k].id: True for k in plan.bounded_numbers}
+        self._modalities = [effect.modality for effect in scene.effects]
         self._exact_frames = ExactFrames.of(haptics.scene, scene.time)
         self._key_indices: dict[CurveEffect | CurveBody, F64] = {}
         areas = [effect.area for effect in scene.effects]
@@ -125,7 +127,7 @@ class ReadingPass:
         else:
             rows = self.rows.read_bodies(indices, is_posed)
         effects |= {k: self._effect_of(k, rows) for k in in_full}
-        effects |= {k: silence(count, self._modality(k)) for k in self.dormant}
+        effects |= self._silent(self.dormant, count)
         # Stepped levels are known only now; bodies are also posed where these effects are on.
         is_posed |= self._times_on({k: effects[k] for k in in_full}, count)
         poses = self._poses(frames, is_posed, rows)
@@ -223,7 +225,7 @@ class ReadingPass:
                 skipped = reading.counters.far.setdefault(self.scene.effects[k].name, {})
                 skipped[str(own[0].index)] = len(own)
                 if k not in far.in_full:
-                    far_blocks[k] = silence(len(rows), self._modality(k))
+                    far_blocks[k] = silence(len(rows), self._modalities[k])
             elif reading.is_settled(k):
                 far_blocks[k] = reading.placed(k, places.matrices[:, n], places.there[:, n])
         if reread and self.rows is not None:
@@ -237,29 +239,26 @@ class ReadingPass:
     ) -> dict[int, EffectBlock]:
         """Blocks of bounded volumes by index at sample indices (T,): in full near skin, else
         silent, and counted for the rows ``own``."""
-        bounded, effects, count = self.plan.bounded, self.scene.effects, len(indices)
+        bounded, count = self.plan.bounded, len(indices)
         if bounded is None:
             return {}
-        near = [bool(self._are_bounded_near)] * len(bounded.numbers)
+        near = np.full(len(bounded.numbers), bool(self._are_bounded_near))
         if self._are_bounded_near is None:
-            near = bounded.are_near(poses).tolist()
-        blocks = {}
-        for k, is_near in zip(bounded.numbers, near, strict=True):
-            if not is_near:
-                blocks[k] = silence(count, self._modality(k))
-            elif k in bounded.keyed:
-                blocks[k] = self.curves.read(k, indices)
-            else:
-                blocks[k] = bounded.still_block(k, count)
-        self.counters.on |= dict.fromkeys((effects[k].id for k in bounded.numbers), True)
+            near = bounded.are_near(poses)
+        blocks = self._silent(bounded.numbers, count)
+        for k in np.array(bounded.numbers)[near].tolist():
+            is_keyed = k in bounded.keyed
+            blocks[k] = self.curves.read(k, indices) if is_keyed else bounded.still_block(k, count)
+        self.counters.on |= self._bounded_on
         if not self._is_comparison:
-            self.counters.out_of_reach[str(own[0].index)] = near.count(False) * len(own)
+            self.counters.out_of_reach[str(own[0].index)] = int((~near).sum()) * len(own)
         return blocks
+
+    def _silent(self, numbers: Collection[int], count: int) -> dict[int, EffectBlock]:
+        """Blocks of effects by index that are off at ``count`` times."""
+        blocks = {name: silence(count, name) for name in set(self._modalities)}
+        return {k: blocks[self._modalities[k]] for k in numbers}
 
     def _effect_of(self, which: int, rows: list[SceneRow]) -> EffectBlock:
         """Block of stepped effect ``which`` from rows, all with the effect."""
-        return effect_block([row.effects[which] for row in rows], self._modality(which))
-
-    def _modality(self, which: int) -> str:
-        """Modality of an effect by index."""
-        return self.scene.effects[which].modality
+        return effect_block([row.effects[which] for row in rows], self._modalities[which])

@@ -24,13 +24,7 @@ from .curves.presampled_rig import PresampledRig
 from .description.scene_description import HapticObjects
 from .stepped import stepping
 from .stepped.simulation import has_simulation_anywhere
-from .stepped.stepped_reading import (
-    EffectRow,
-    PoseRow,
-    SceneRow,
-    SteppedReading,
-    agree,
-)
+from .stepped.stepped_reading import EffectRow, PoseRow, SceneRow, SteppedReading, agree
 from .stepped.stepped_rows import objects_of
 
 _PROBES = 5
@@ -135,8 +129,10 @@ def checked(
     comparison."""
     # The user's scene also evaluates objects that are not felt. Unplayed simulations among them
     # must not be disturbed, so such a scene is compared in a scratch scene.
-    is_disturbed = haptics.simulation is None and has_simulation_anywhere(haptics.scene)
-    in_own_scene = plan.in_own_scene or (stepping.runs_code(haptics.read) and not is_disturbed)
+    in_own_scene = plan.in_own_scene or (
+        stepping.runs_code(haptics.read)
+        and (haptics.simulation is not None or not has_simulation_anywhere(haptics.scene))
+    )
     is_sampled = bool(plan.effects or plan.bodies or plan.presampled or plan.bounded_numbers)
     if plan.in_own_scene == in_own_scene and not is_sampled:
         return plan

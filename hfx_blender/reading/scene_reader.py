@@ -20,7 +20,6 @@ import numpy.typing as npt
 from ..authoring.effects import effects
 from ..authoring.effects.effect_values import ShapeCache
 from ..blender import linked_files
-from ..blender.scene_info import scene_objects
 from ..engine.arrays import I64
 from ..engine.counters import ReadingCounters, Unfelt
 from ..engine.rendering.room import SETTING, PlaySpace
@@ -34,7 +33,6 @@ from .description.missed_effects import missed_warnings
 from .reading_pass import ReadingPass
 from .reading_plan import Plan, checked, is_same, plan_of
 from .stepped import instances, stepping
-from .stepped.reached import is_instancer
 from .stepped.simulation import Simulation, has_simulation_anywhere, to_bake
 from .stepped.stepped_reading import SceneRow, SteppedReading
 
@@ -56,8 +54,8 @@ class SceneReader:
     ``with_far`` reads stepped volumes also while far from skin, instead of leaving them silent.
     ``is_probed`` compares a few times with Blender's evaluation, which sets the scene's frame.
 
-    Attributes: ``found``, the participating objects, ``instances``, and ``unfelt``, effects by name
-    known before reading not to be felt.
+    Attributes: ``found``, the participating objects, ``instances``, ``unfelt``, effects by name
+    known before reading not to be felt, and ``files``, the external files of the .blend.
     """
 
     def __init__(
@@ -83,8 +81,9 @@ class SceneReader:
         self._with_far = with_far
         haptics = scene_description.find(scene, layer)
         self.time = time_base(scene, frames, rate_hz)
-        states = zip(haptics.effects, haptics.activations, strict=True)
-        haptics = replace(haptics, dormant=unfelt.asleep(scene, self.time, states))
+        states = dict(zip(haptics.effects, haptics.activations, strict=True))
+        dormant = unfelt.asleep(scene, self.time, states, haptics.equal)
+        haptics = replace(haptics, dormant=dormant)
         # Physics and particles must be played in the user's scene before any reading. A scratch
         # scene without instanced volumes needs neither.
         if has_simulation_anywhere(scene) and (
@@ -105,12 +104,13 @@ class SceneReader:
             haptics, self.time, self._shapes, always_posed=self._always_posed, more=more
         )
         self._blinking = [visibility.is_keyed(body) for body in self.found.bodies]
-        makers = filter(is_instancer, scene_objects(scene)) if more else ()
+        makers = self.found.instancers if more else ()
         unbaked = to_bake(scene, [*self.found.read, *makers])
+        self.files = linked_files.linked_files()
         unfelt_warnings = self._find_unfelt(layer)
         warnings = (
             *(*self.description.warnings, *unfelt_warnings, *self.instances.warnings),
-            *(*unbaked, *linked_files.warnings_of_files()),
+            *(*unbaked, *linked_files.warnings_of_files(self.files)),
         )
         self.description = replace(self.description, warnings=shortened(warnings))
         # Instances have no object of their own, and are appended to each block.
@@ -135,7 +135,9 @@ class SceneReader:
         haptics = self.found
         states = dict(zip(haptics.effects, haptics.activations, strict=True))
         states |= self.instances.activations
-        new, clip_warnings = unfelt.reasons(haptics.scene, self.time, states, haptics.dormant)
+        new, clip_warnings = unfelt.reasons(
+            haptics.scene, self.time, states, haptics.dormant, haptics.equal
+        )
         gone = {effect: Unfelt(why) for effect, why in haptics.gone.items()}
         named = effects.shown_name
         self.unfelt = {named(effect): why for effect, why in {**gone, **new}.items()}
@@ -146,7 +148,7 @@ class SceneReader:
                 for effect, reason in new.items()
                 if not (reason.is_expected or reason.is_warned)
             ),
-            *unfelt.instanced(haptics.scene, layer),
+            *unfelt.instanced(haptics.scene, layer, haptics.instancers),
         )
 
     @property

@@ -17,7 +17,7 @@ from hfx_blender.text import printable
 from .. import processes
 
 if TYPE_CHECKING:
-    from hfx_blender.export.scene_export import ExportReport
+    from hfx_blender.export.report import ExportReport
 
 _PICTURE_LIMIT_S = 900
 

@@ -127,7 +127,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     make_folder(options.output)
     path = options.output / (options.scene.stem + SOUND_SUFFIX)
     # The sound must not replace a file of the scene.
-    with inputs_kept(linked_files.files_read()):
+    with inputs_kept(linked_files.files_read(linked_files.linked_files())):
         count = write_sound(
             bpy.context.scene, path, settings, progress=console.progress(options.scene.name)
         )

@@ -14,7 +14,7 @@ from hfx_blender.engine.track import TrackReader
 from .garage import TASKS, Task
 
 if TYPE_CHECKING:
-    from hfx_blender.export.scene_export import ExportReport
+    from hfx_blender.export.report import ExportReport
 
 
 def summarise(track: TrackReader, rasters: Sequence[Raster], report: ExportReport) -> str:

@@ -14,7 +14,6 @@ import numpy as np
 from hfx_blender.engine.rendering.device_config import DeviceConfig
 from hfx_blender.engine.rendering.raster import Raster
 from hfx_blender.files.strict_json import clean, read_bytes
-from hfx_blender.formats.hjif import to_signals
 from hfx_blender.formats.hjif.body_parts import place_mask
 from hfx_blender.formats.hjif.envelopes import Dense, timescale_of
 from hfx_blender.formats.hjif.perceptions import (
@@ -41,6 +40,8 @@ from hfx_blender.formats.signals.signals import (
 from hfx_blender.formats.signals.simplified_writer import error_note
 from hfx_blender.formats.written import Written, write_json
 from hfx_blender.text import counted
+
+from . import hjif_signals
 
 _TICK_S: Final = 1e-4
 _SAMPLING_HZ: Final = 8000  # unit of the stored duration
@@ -115,7 +116,7 @@ def write_signals(
     notes = counted(too_weak_places(perception, places), TOO_WEAK)
     path = stem.with_name(stem.name + SUFFIX)
     write_json(document, path)
-    stored = {signal.name: signal for signal in to_signals.decode(read_bytes(path), path.name)[0]}
+    stored = {signal.name: signal for signal in hjif_signals.decode(read_bytes(path), path.name)[0]}
     pairs = [
         (
             replace(signal, frequency_hz=clipped(signal.frequency_hz, 0.0, MAX_HZ)),

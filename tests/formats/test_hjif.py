@@ -41,6 +41,7 @@ from hfx_blender.formats.hjif import (
 )
 from hfx_blender.formats.hjif.body_parts import BITS, described, place_mask, vertex_masks
 from hfx_blender.formats.signals.signals import DEFAULT_TOLERANCE
+from hfx_tools.formats import hjif_signals
 
 
 def basis(*keyframes, **members):
@@ -543,7 +544,7 @@ def test_effects_that_refer_in_circles_are_refused():
         }
     ]
     with pytest.raises(InputError, match=r"levels deep|unfolds to more"):
-        to_signals.decode(encoded(samples), "x")
+        hjif_signals.decode(encoded(samples), "x")
 
 
 # --- from a track --------------------------------------------------------------------------

@@ -15,12 +15,12 @@ from hfx_blender.formats.hjif import (
     bands,
     hjif_reader,
     hjif_rules,
-    to_signals,
     wavelets,
 )
 from hfx_blender.formats.signals.curves import Curve
 from hfx_blender.formats.sound.waveforms import Waveform, piece_of
 from hfx_tools.commands.conversion import convert
+from hfx_tools.formats import hjif_signals
 from hfx_tools.formats.facts import facts_of
 
 RATE = 8000
@@ -39,7 +39,7 @@ def channel_with(*bands, modality="Other", **members):
 
 
 def signal_of(document):
-    (signal,), _ = to_signals.decode(encoded(document), "x")
+    (signal,), _ = hjif_signals.decode(encoded(document), "x")
     return signal
 
 
@@ -251,7 +251,7 @@ def test_undecodable_wavelets_are_reported():
         signal_of(channel_with(band)).left_out
     )
     band["block_length"] = 100
-    actual, _ = to_signals.decode(encoded(channel_with(band)), "x")
+    actual, _ = hjif_signals.decode(encoded(channel_with(band)), "x")
     assert "2 effects have no block length that is a power of two samples" in str(
         actual[0].left_out
     )

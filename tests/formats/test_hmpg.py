@@ -27,6 +27,7 @@ from hfx_blender.formats import writing
 from hfx_blender.formats.hjif import hjif_reader, hjif_rules, to_signals
 from hfx_blender.formats.hjif.semantics import SEMANTICS
 from hfx_tools.commands.conversion import convert
+from hfx_tools.formats import hjif_signals
 from hfx_tools.formats.facts import facts_of
 from hfx_tools.formats.hmpg import bits, syntax
 from hfx_tools.formats.hmpg.hmpg_files import validate
@@ -252,8 +253,8 @@ def test_wavelets_keep_their_bits_and_their_times():
     found, _ = decode(encoded(document, "x").content, "x")
     (stored,) = at(found, ("perceptions", 0, "channels", 0, "bands"))
     assert [effect["position"] for effect in stored["effects"]] == [0, 128, 256, 384]
-    (before,), _ = to_signals.decode(as_json(document), "x")
-    (after,), _ = to_signals.decode(as_json(found), "x")
+    (before,), _ = hjif_signals.decode(as_json(document), "x")
+    (after,), _ = hjif_signals.decode(as_json(found), "x")
     np.testing.assert_allclose(after.amplitude.values, before.amplitude.values, atol=1e-9)
 
 

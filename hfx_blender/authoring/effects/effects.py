@@ -36,18 +36,21 @@ WEIGHTS = "hfx_weights"
 
 def effects_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Effects of a scene and its background scenes, sorted by name."""
-    return _by_role(scene, "EFFECT")
+    return sorted(by_role(scene).get("EFFECT", ()), key=lambda obj: obj.name)
 
 
 def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Haptic bodies (armatures) of a scene and its background scenes, sorted by name."""
-    return _by_role(scene, "BODY")
+    return sorted(by_role(scene).get("BODY", ()), key=lambda obj: obj.name)
 
 
-def _by_role(scene: bpy.types.Scene, role: str) -> list[bpy.types.Object]:
-    """Objects of a scene and its background scenes with a role, sorted by name."""
-    objects = (obj for obj in scene_objects(scene) if obj.hfx.role == role)
-    return sorted(objects, key=lambda obj: obj.name)
+def by_role(scene: bpy.types.Scene) -> dict[str, list[bpy.types.Object]]:
+    """Objects of a scene and its background scenes by role, in the order of the scene; roles
+    without objects are missing. The role is "" for a stored value that is no role."""
+    objects: dict[str, list[bpy.types.Object]] = {}
+    for obj in scene_objects(scene):
+        objects.setdefault(obj.hfx.role, []).append(obj)
+    return objects
 
 
 def body_in(scene: bpy.types.Scene, effect: bpy.types.Object) -> bpy.types.Object | None:
@@ -399,12 +402,13 @@ def checked_area(
 def unique_ids(objects: list[bpy.types.Object]) -> dict[bpy.types.Object, str]:
     """Unique id of each object: its ``uid``, or name. Copies share the ``uid``: the first by name
     has it, further objects ``uid-2``, ``uid-3`` ..., equal on each run."""
-    used = {obj.hfx.uid or obj.name for obj in objects}
+    uids = {obj: obj.hfx.uid or obj.name for obj in objects}
+    used = {*uids.values()}
     # Sorted by name, the original ("Ball") precedes its copies ("Ball.001").
     counts: dict[str, int] = {}
     ids: dict[bpy.types.Object, str] = {}
     for obj in sorted(objects, key=lambda obj: (obj.name, obj.name_full)):
-        uid = stored_uid = obj.hfx.uid or obj.name
+        uid = stored_uid = uids[obj]
         counts[stored_uid] = counts.get(stored_uid, 0) + 1
         while counts[stored_uid] > 1 and uid in used:  # a stored id may equal a derived one
             uid = f"{stored_uid}-{counts[stored_uid]}"
@@ -416,6 +420,8 @@ def unique_ids(objects: list[bpy.types.Object]) -> dict[bpy.types.Object, str]:
 
 def shown_name(obj: bpy.types.Object) -> str:
     """Name of an object; the full name, with the library, if the file has more of that name."""
+    if not bpy.data.libraries:  # the search takes long among thousands of objects
+        return obj.name
     libraries = [None, *(library.filepath for library in bpy.data.libraries)]
     same = [path for path in libraries if bpy.data.objects.get((obj.name, path)) is not None]
     return obj.name if len(same) == 1 else obj.name_full

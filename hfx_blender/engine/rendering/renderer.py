@@ -20,14 +20,7 @@ from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
 from ..surface.surface_drive import SurfaceDrives
 from ..track.header import TrackHeader
-from .conditioning.actuator_limits import (
-    DeviceLimits,
-    advanced,
-    held,
-    limited,
-    rounded,
-    rows_of,
-)
+from .conditioning.actuator_limits import DeviceLimits, advanced, held, limited, rounded, rows_of
 from .conditioning.feel import Feel, SkinMemory
 from .conditioning.frequency import (
     TONE_PAIR_HZ,

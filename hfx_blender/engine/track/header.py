@@ -9,15 +9,7 @@ from typing import Any, Final
 from ..body.model import PerceptualModel
 from ..modality import MODALITIES
 from ..samples import Stream
-from ..scene import (
-    ActuatorArea,
-    Clip,
-    EffectKind,
-    PaintedArea,
-    SceneDescription,
-    SpotArea,
-    TimeBase,
-)
+from ..scene import ActuatorArea, Clip, EffectKind, PaintedArea, SceneDescription, TimeBase
 from ..surface.surface_drive import with_drives
 
 MAX_VERTEX_COUNT: Final = 2**31 - 1
@@ -119,22 +111,20 @@ class TrackHeader:
         """Header of a recording of ``scene``. A volume has a stream for each body, every other
         effect a single stream. ``models`` by id may hold unused models, which are omitted."""
         streams, effects = [], []
+        all_ids = [body.id for body in scene.bodies]
         for effect in scene.effects:
-            area, body_ids = effect.area, [body.id for body in scene.bodies]
+            area, body_ids = effect.area, all_ids
+            own: tuple[Any, ...] = ()  # of a kind: painted_vertices, device_id, actuators
             # Painted areas, spots and actuators belong to one body.
-            if isinstance(area, PaintedArea | SpotArea | ActuatorArea):
+            if hasattr(area, "body_id"):
                 body_ids = [area.body_id]
+            if isinstance(area, PaintedArea):
+                own = (len(area.vertices),)
+            elif isinstance(area, ActuatorArea):
+                own = None, area.device_id, area.actuators
             streams += [Stream(effect.id, b, effect.modality, effect.model_id) for b in body_ids]
-            effects.append(
-                TrackEffect(
-                    *(effect.id, effect.name, effect.modality, effect.kind, effect.model_id),
-                    effect.is_contact,
-                    effect.clips,
-                    len(area.vertices) if isinstance(area, PaintedArea) else None,
-                    area.device_id if isinstance(area, ActuatorArea) else None,
-                    area.actuators if isinstance(area, ActuatorArea) else (),
-                )
-            )
+            facts = effect.id, effect.name, effect.modality, effect.kind, effect.model_id
+            effects.append(TrackEffect(*facts, effect.is_contact, effect.clips, *own))
         used = {effect.model_id: models[effect.model_id] for effect in scene.effects}
         return cls(
             time=scene.time,

@@ -8,20 +8,7 @@ from fractions import Fraction
 from typing import Any, Final
 
 from ...errors import InputError
-from ...files.json_shapes import (
-    Anything,
-    Flag,
-    Items,
-    Node,
-    Number,
-    Record,
-    Row,
-    Shape,
-    Table,
-    Text,
-    loose,
-    tagged,
-)
+from ...files import json_shapes as shapes
 from ...files.strict_json import parse
 from ..modality import AMBIENT_NEUTRAL_C, CONTACT_NEUTRAL_C, MODALITIES
 from ..samples import Stream
@@ -75,16 +62,16 @@ class StreamIndex:
         self.channels = tuple(name for name in CHANNELS if name in both)
 
 
-INDEX_SHAPE: Final = loose(
+INDEX_SHAPE: Final = shapes.loose(
     {
-        "chunks": Items(Number(is_whole=True), order="ascending"),
-        "streams": Items(
-            loose(
+        "chunks": shapes.Items(shapes.Number(is_whole=True), order="ascending"),
+        "streams": shapes.Items(
+            shapes.loose(
                 {
-                    **dict.fromkeys(("first", "last"), Number(is_whole=True)),
-                    **dict.fromkeys(("samples", "entries"), Number(0, is_whole=True)),
-                    "peak_level": Number(0.0, 1.0),
-                    "channels": Items(Text(tuple(CHANNELS))),
+                    **dict.fromkeys(("first", "last"), shapes.Number(is_whole=True)),
+                    **dict.fromkeys(("samples", "entries"), shapes.Number(0, is_whole=True)),
+                    "peak_level": shapes.Number(0.0, 1.0),
+                    "channels": shapes.Items(shapes.Text(tuple(CHANNELS))),
                 },
                 into=StreamIndex,
             )
@@ -93,10 +80,10 @@ INDEX_SHAPE: Final = loose(
 )
 
 
-STORAGE: Final = loose(
+STORAGE: Final = shapes.loose(
     {
-        "samples_per_chunk": Number(1, MAX_SAMPLES_PER_CHUNK, is_whole=True),
-        "weights": Text((WEIGHTS_BYTE, WEIGHTS_FULL)),
+        "samples_per_chunk": shapes.Number(1, MAX_SAMPLES_PER_CHUNK, is_whole=True),
+        "weights": shapes.Text((WEIGHTS_BYTE, WEIGHTS_FULL)),
     }
 )
 
@@ -159,49 +146,51 @@ def to_json(header: TrackHeader, encoding: Mapping[str, Any]) -> bytes:
         raise ValueError(f"the header of a track holds JSON values only: {error}") from error
 
 
-_TEXT: Final = Text()
-_WHOLE: Final = Number(is_whole=True)
-_FRACTION: Final = Row((Number(1, is_whole=True),) * 2)
-_ANY: Final = Table(Anything())
+_TEXT: Final = shapes.Text()
+_WHOLE: Final = shapes.Number(is_whole=True)
+_FRACTION: Final = shapes.Row((shapes.Number(1, is_whole=True),) * 2)
+_ANY: Final = shapes.Table(shapes.Anything())
 
 
-_CLIP: Final = loose({"name": _TEXT, "frame_start": Number(), "frame_end": Number()}, into=Clip)
-_EFFECT: Final[Mapping[str, Shape]] = {
+_CLIP: Final = shapes.loose(
+    {"name": _TEXT, "frame_start": shapes.Number(), "frame_end": shapes.Number()}, into=Clip
+)
+_EFFECT: Final[Mapping[str, shapes.Shape]] = {
     **dict.fromkeys(("id", "name", "modality", "model_id"), _TEXT),
-    "is_contact": Flag(),
-    "clips": Items(_CLIP),
+    "is_contact": shapes.Flag(),
+    "clips": shapes.Items(_CLIP),
 }
-_MEMBERS: Final[Mapping[EffectKind, Mapping[str, Shape]]] = {
+_MEMBERS: Final[Mapping[EffectKind, Mapping[str, shapes.Shape]]] = {
     "painted": {"painted_vertices": _WHOLE},
-    "actuators": {"device_id": _TEXT, "actuators": Items(_TEXT)},
+    "actuators": {"device_id": _TEXT, "actuators": shapes.Items(_TEXT)},
 }
 """Additional JSON members of a kind of effect."""
 
 
-def _header(version: int) -> Record:
+def _header(version: int) -> shapes.Record:
     """Shape of a header's JSON object in version 1 or 2; further members are ignored."""
     # Version 1 has no spots and actuators: such an entry is a fault there.
-    kinds: dict[str, Record] = {
-        kind: loose({**_EFFECT, **_MEMBERS.get(kind, {})}, into=TrackEffect)
+    kinds: dict[str, shapes.Record] = {
+        kind: shapes.loose({**_EFFECT, **_MEMBERS.get(kind, {})}, into=TrackEffect)
         for kind in _KINDS[version]
     }
     whole = dict.fromkeys(("scene_start", "frame_first", "frame_last", "sample_count"), _WHOLE)
-    model = dict.fromkeys(("id", "modality", "content_hash"), _TEXT)
-    return loose(
+    model = dict.fromkeys(("id", "modality", "content_hash"), _TEXT) | {"vertex_count": _WHOLE}
+    return shapes.loose(
         {
-            "effects": Items(tagged("kind", kinds)),
+            "effects": shapes.Items(shapes.tagged("kind", kinds)),
             "modalities": _ANY,
-            "time": loose({**dict.fromkeys(("fps", "rate_hz"), _FRACTION), **whole}),
-            "models": Items(loose({**model, "vertex_count": _WHOLE}, into=TrackModel)),
-            "bodies": Items(loose({"id": _TEXT, "name": _TEXT}, into=TrackBody)),
-            "streams": Items(loose({"effect_id": _TEXT, "body_id": _TEXT})),
+            "time": shapes.loose({**dict.fromkeys(("fps", "rate_hz"), _FRACTION), **whole}),
+            "models": shapes.Items(shapes.loose(model, into=TrackModel)),
+            "bodies": shapes.Items(shapes.loose({"id": _TEXT, "name": _TEXT}, into=TrackBody)),
+            "streams": shapes.Items(shapes.loose({"effect_id": _TEXT, "body_id": _TEXT})),
             **dict.fromkeys(("source", "settings", "tools", "encoding"), _ANY),
-            "warnings": Items(_TEXT),
+            "warnings": shapes.Items(_TEXT),
         }
     )
 
 
-_BEGIN: Final = loose({"format": Text((FORMAT,)), "version": _WHOLE})
+_BEGIN: Final = shapes.loose({"format": shapes.Text((FORMAT,)), "version": _WHOLE})
 
 
 def from_json(text: bytes) -> tuple[TrackHeader, dict[str, Any]]:
@@ -253,11 +242,11 @@ def parse_json(text: bytes, name: str) -> Any:
         raise ValueError(str(error).rstrip(".")) from None
 
 
-def value_in(document: Any, shape: Shape, name: str) -> Any:
+def value_in(document: Any, shape: shapes.Shape, name: str) -> Any:
     """Check a parsed document against ``shape`` and convert it; raises ValueError for the first
     fault, with the place below ``name``."""
     try:
-        return Node(document, name).read(shape)
+        return shapes.Node(document, name).read(shape)
     except InputError as error:
         raise ValueError(str(error).rstrip(".")) from None
 

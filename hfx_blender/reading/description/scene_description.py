@@ -8,6 +8,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -40,6 +41,7 @@ from ..curves.curve_reading import is_steady
 from ..stepped import reached
 from ..stepped.simulation import Simulation
 from . import activation, area_values, response_values, soundness, visibility
+from .equal_settings import EqualSettings
 from .scene_settings import scene_feel
 
 IN_SCENE = ("VOLUME", "SURFACE")  # kinds of effects in the scene; bodies must be posed for them
@@ -47,6 +49,8 @@ IN_SCENE = ("VOLUME", "SURFACE")  # kinds of effects in the scene; bodies must b
 
 ABSENT = "is disabled in viewports or excluded from the view layer"
 _CURE = "press Move to Body in the panel Haptic Effect"
+
+_Area = PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,8 @@ class HapticObjects:
     left_out: tuple[str, ...] = ()  # warnings about faulty effects and bodies
     notes: tuple[str, ...] = ()  # about NaN or infinite keyframes
     gone: Mapping[bpy.types.Object, str] = field(default_factory=dict)  # excluded effect -> reason
+    equal: EqualSettings = field(default_factory=lambda: EqualSettings({}))  # of effects
+    instancers: Sequence[bpy.types.Object] = ()  # objects that may show further objects
     # Effects that are off at all read times, also sources of instances, with reasons; no other
     # values of them are read.
     dormant: Mapping[bpy.types.Object, str] = field(default_factory=dict)
@@ -92,33 +98,52 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     silenced. Raises InputError without a body or effect, and if all of either are faulty."""
     # Evaluated copies may refer to removed data-blocks; reading such a reference would crash.
     layer.update()
-    if visibility.tag_unreported(scene, layer):
+    by_role = effects.by_role(scene)
+    of_role = {role: sorted(found, key=lambda obj: obj.name) for role, found in by_role.items()}
+    bodies, candidates = of_role.get("BODY", []), of_role.get("EFFECT", [])
+    stored = {obj: visibility.stored_of(obj) for obj in (*candidates, *bodies)}
+    if visibility.tag_changed(stored, layer):
         layer.update()
     refuse_bad_unit(scene)
     enabled = visibility.enabled_objects(scene, layer)
-    bodies, body_warnings, left_out = _find_bodies(scene, layer, enabled)
-    candidates = effects.effects_of(scene)
-    shown = _shown_effects(scene, layer, candidates, enabled)
+    bodies, body_warnings, left_out = _find_bodies(scene, layer, bodies, enabled)
+    instancers = reached.instancers_of(scene)
+    shown = [effect for effect in candidates if visibility.may_be_seen(effect, layer, enabled)]
+    if not (shown or instancers):  # which may show volumes of other scenes
+        if not candidates:
+            raise _refusal([f"Scene '{scene.name}' has no haptic effects.", *_missing_data()])
+        are_off = "all of its haptic effects are disabled in viewports"
+        raise InputError(f"Scene '{scene.name}': {are_off}.")
     # Blender reads a stored enum value that is no item, as of a later version, as "".
-    roleless = (obj for obj in scene_objects(scene) if obj.hfx.role == "")
+    roleless = by_role.get("", ())
     bad_roles = ((obj, bad) for obj in roleless for bad in bad_values(obj) if bad.path == "role")
     unknown = (f"object '{obj.name}': {bad}; it was left out" for obj, bad in bad_roles)
     warnings = (*unknown, *body_warnings)
-    # Check stored values first: Blender drops a value of another type on the first read.
-    sound, faults = soundness.without_faulty(shown, soundness.warnings_of)
+    equal = EqualSettings({effect: stored[effect] for effect in shown})
+    # Before all other values: Blender drops a stored value of another type on the first read.
+    looked_at = equal.shared(lambda effect: (effect, soundness.warnings_of(effect)))
+
+    def warnings_of(effect: bpy.types.Object) -> list[str]:
+        first, texts = looked_at(effect)
+        # Warnings name the effect.
+        return texts if first == effect or not texts else soundness.warnings_of(effect)
+
+    sound, faults = soundness.without_faulty(shown, warnings_of)
     warnings += tuple(text for texts in sound.values() for text in texts)
-    bodiless = {e: effects.missing_body_reason(e) for e in sound if effects.needs_body(scene, e)}
+    needs_body = equal.shared(lambda effect: effects.needs_body(scene, effect))
+    bodiless = {e: effects.missing_body_reason(e) for e in sound if needs_body(e)}
     sound = {effect: texts for effect, texts in sound.items() if effect not in bodiless}
-    muted = effects.muted_effects(shown)
-    spoken = {e: why for e, why in bodiless.items() if e not in muted}
-    warnings += _excluded(spoken)
-    if shown and not sound and not any(map(reached.is_instancer, scene_objects(scene))):
+    muted = {*effects.muted_effects(shown)} if bodiless else ()
+    warnings += _excluded({e: why for e, why in bodiless.items() if e not in muted})
+    if shown and not sound and not instancers:
         of_bodiless = (f"Effect '{e.name}' {why}; {_CURE}." for e, why in bodiless.items())
         raise _refusal((*faults.values(), *of_bodiless))
     left_out += soundness.left_out(faults)
-    silent = {*effects.muted_effects(sound)}
+    silent = {*map(equal.group_of, effects.muted_effects(equal.distinct(sound)))}
+    activation_of = equal.shared(activation.activation_of)
     activations = [
-        activation.SILENCED if e in silent else activation.activation_of(e) for e in sound
+        activation.SILENCED if equal.group_of(effect) in silent else activation_of(effect)
+        for effect in sound
     ]
     seen = {*shown}  # quick membership, for thousands of effects
     gone = {effect: ABSENT for effect in candidates if effect not in seen}
@@ -132,6 +157,8 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
         left_out=left_out,
         notes=soundness.non_finite_keyframes([*bodies, *sound]),
         gone={**gone, **bodiless, **_predicates(faults)},
+        equal=equal,
+        instancers=instancers,
     )
 
 
@@ -155,13 +182,15 @@ def refuse_bad_unit(scene: bpy.types.Scene) -> None:
 
 
 def _find_bodies(
-    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, enabled: set[bpy.types.Object]
+    scene: bpy.types.Scene,
+    layer: bpy.types.ViewLayer,
+    bodies: list[bpy.types.Object],
+    enabled: set[bpy.types.Object],
 ) -> tuple[list[bpy.types.Object], tuple[str, ...], tuple[str, ...]]:
-    """Valid bodies, warnings about corrected values, and one warning for each excluded body.
-    Excluded: no armature, disabled (also a mesh of the avatar), unreadable values. Raises
+    """Valid ``bodies``, warnings about corrected values, and one warning for each excluded
+    body. Excluded: no armature, disabled (also a mesh of the avatar), unreadable values. Raises
     InputError without any body (another text if a collection instance has one) and if all are
     excluded."""
-    bodies = effects.bodies_of(scene)
     if not bodies:
         # A linked character arrives as an instance of its collection.
         instancers = [obj for obj in scene_objects(scene) if obj.instance_collection is not None]
@@ -203,23 +232,6 @@ def _find_bodies(
         )
     warnings = tuple(text for texts in sound.values() for text in texts)
     return list(sound), warnings, soundness.left_out(faults)
-
-
-def _shown_effects(
-    scene: bpy.types.Scene,
-    layer: bpy.types.ViewLayer,
-    candidates: list[bpy.types.Object],
-    enabled: set[bpy.types.Object],
-) -> list[bpy.types.Object]:
-    """Effects among ``candidates`` that Blender evaluates, in order. Raises InputError without
-    candidates, and if all are disabled; never if an object may show instances."""
-    shown = [effect for effect in candidates if visibility.may_be_seen(effect, layer, enabled)]
-    # Instances may show volumes of other scenes.
-    if shown or any(map(reached.is_instancer, scene_objects(scene))):
-        return shown
-    if not candidates:
-        raise _refusal([f"Scene '{scene.name}' has no haptic effects.", *_missing_data()])
-    raise InputError(f"Scene '{scene.name}': all of its haptic effects are disabled in viewports.")
 
 
 def without_absent(
@@ -265,12 +277,23 @@ def describe(
     ids = effects.unique_ids([*haptics.bodies, *haptics.effects])
     states = dict(zip(haptics.effects, haptics.activations, strict=True))
 
+    def facts_of(effect: bpy.types.Object, is_dormant: bool) -> tuple[Any, ...]:
+        clips = played_clips(haptics.scene, states[effect])
+        return *_facts(effect, is_dormant, haptics, ids), clips
+
+    facts_of_volume = haptics.equal.shared(facts_of)
+    kind_of = haptics.equal.shared(lambda effect: effect.hfx.kind)
+    depsgraph = haptics.layer.depsgraph
+    shape_of = haptics.equal.shared(lambda effect: effect.evaluated_get(depsgraph).hfx.shape)
+
     def work(effect: bpy.types.Object) -> EffectDescription:
-        evaluated = effect.evaluated_get(haptics.layer.depsgraph)
-        is_mesh = effect.hfx.kind == "VOLUME" and evaluated.hfx.shape == "MESH"
-        if is_mesh and effect not in haptics.dormant and is_steady(effect):
-            shapes.shape_of(effect, evaluated)  # a bad mesh is reported at once
-        return _describe_effect(effect, states[effect], haptics, ids)
+        is_dormant = effect in haptics.dormant
+        is_volume = kind_of(effect) == "VOLUME"
+        if is_volume and shape_of(effect) == "MESH" and not is_dormant and is_steady(effect):
+            shapes.shape_of(effect, effect.evaluated_get(depsgraph))  # a bad mesh is reported now
+        # The areas of other effects depend on more than settings.
+        facts = (facts_of_volume if is_volume else facts_of)(effect, is_dormant)
+        return EffectDescription(ids[effect], effects.shown_name(effect), *facts)
 
     described, faults = soundness.without_faulty(haptics.effects, work)
     if not described and not more:
@@ -281,10 +304,11 @@ def describe(
     # Binding a model to a body is slow: only models of effects that may be felt are bound.
     posed = {effect.model_id for effect in more}
     for effect, description in described.items():
+        if description.model_id in posed or effect in haptics.dormant:
+            continue
         is_posed = description.kind == "volume" or always_posed
-        if description.model_id not in posed and is_posed and effect not in haptics.dormant:
-            if states[effect].may_be_on(frames).any():
-                posed.add(description.model_id)
+        if is_posed and states[effect].may_be_on(frames).any():
+            posed.add(description.model_id)
     bindings, unbound = soundness.without_faulty(
         haptics.bodies, lambda body: body_binding.binding_of(body, posed)
     )
@@ -346,18 +370,18 @@ def _predicates(faults: Mapping[bpy.types.Object, str]) -> dict[bpy.types.Object
     return predicates
 
 
-def _describe_effect(
+def _facts(
     effect: bpy.types.Object,
-    state: activation.Activation,
+    is_dormant: bool,
     haptics: HapticObjects,
     ids: Mapping[bpy.types.Object, str],
-) -> EffectDescription:
-    """Description of an effect with the area by kind; ``ids`` are unique ids. A
-    dormant volume or surface becomes a volume with its falloff only. Raises InputError for a faulty
-    area."""
+) -> tuple[str, str, _Area, bool]:
+    """Modality, id of the model, area by kind, and flag of contact temperature of an effect's
+    description; ``ids`` are unique ids. A dormant volume or surface becomes a volume with a
+    falloff only. Raises InputError for a faulty area."""
     hfx = effect.hfx
-    area: PaintedArea | HapticVolume | HapticSurface | SpotArea | ActuatorArea
-    if effect in haptics.dormant and hfx.kind in IN_SCENE:
+    area: _Area
+    if is_dormant and hfx.kind in IN_SCENE:
         area = HapticVolume(effect_values.falloff(hfx))
     elif hfx.kind == "PAINTED":
         area = _painted_area(effect, haptics, ids)
@@ -370,15 +394,8 @@ def _describe_effect(
         area = area_values.actuator_area(effect, ids[_body_of(effect, haptics)])
     else:
         area = response_values.volume_of(effect)
-    return EffectDescription(
-        id=ids[effect],
-        name=effects.shown_name(effect),
-        modality=hfx.modality,
-        model_id=effects.model_id_for(hfx.modality, haptics.bodies[0]),
-        area=area,
-        is_contact=hfx.temperature_reference == "CONTACT",
-        clips=played_clips(haptics.scene, state),
-    )
+    model_id = effects.model_id_for(hfx.modality, haptics.bodies[0])
+    return hfx.modality, model_id, area, hfx.temperature_reference == "CONTACT"
 
 
 def played_clips(scene: bpy.types.Scene, state: activation.Activation) -> tuple[Clip, ...]:

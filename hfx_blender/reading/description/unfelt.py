@@ -6,7 +6,7 @@ Dormant effects, certainly without any sample, are not read; each keeps its inde
 description and in the track, and is reported.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from math import ceil, floor
@@ -28,9 +28,10 @@ from ...engine.scene import Clip, TimeBase
 from ...text import named
 from ..curves.animation_time import animation_frames, sample_frames
 from ..stepped import stepping
-from ..stepped.reached import is_instancer, reached_from
+from ..stepped.reached import reached_from
 from . import visibility
 from .activation import SILENCED, Activation, ActivationSource, spans_of_value
+from .equal_settings import EqualSettings
 
 MUTED = "is muted"
 GROUP_MUTED = "is in a muted group"
@@ -80,6 +81,7 @@ def reasons(
     time: TimeBase,
     states: Mapping[bpy.types.Object, Activation],
     asleep: Mapping[bpy.types.Object, str],
+    equal: EqualSettings,
 ) -> tuple[dict[bpy.types.Object, Unfelt], tuple[str, ...]]:
     """Reasons by effect why effects are not felt, and warnings about clips without samples;
     felt effects are missing. A lost clip counts before the reason in ``asleep`` (dormant effects),
@@ -89,10 +91,11 @@ def reasons(
     whole = replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
     unfelt_effects: dict[bpy.types.Object, Unfelt] = {}
     lost: list[LostClip] = []
+    powerless = equal.shared(lambda effect: why_powerless(effect, frames))
     for effect, state in states.items():
         own_lost = [*lost_clips(scene, time, effect, state)]
         lost += own_lost
-        why = asleep.get(effect) or why_powerless(effect, frames)
+        why = asleep.get(effect) or powerless(effect)
         is_clipless = len(own_lost) >= len(state.playing) and all(c.is_whole for c in own_lost)
         if own_lost and is_clipless:
             # The warning about the clips says so already.
@@ -219,15 +222,19 @@ def frames_read(scene: bpy.types.Scene, time: TimeBase) -> F64:
 
 
 def asleep(
-    scene: bpy.types.Scene, time: TimeBase, states: Iterable[tuple[bpy.types.Object, Activation]]
+    scene: bpy.types.Scene,
+    time: TimeBase,
+    states: Mapping[bpy.types.Object, Activation],
+    equal: EqualSettings,
 ) -> dict[bpy.types.Object, str]:
-    """Dormant effects of (effect, activation) pairs with reasons as in :func:`why_dormant`, in
-    order; :data:`NOT_SOLO` is followed by the names of solo effects."""
+    """Dormant effects among those with an activation in ``states``, with reasons as in
+    :func:`why_dormant`, in order; :data:`NOT_SOLO` is followed by the names of solo effects.
+    ``equal`` are groups of the effects."""
     frames = frames_read(scene, time)
-    states = tuple(states)
-    silent = {e: why for e, state in states if (why := why_dormant(e, state, frames)) is not None}
+    dormant = equal.shared(lambda effect: why_dormant(effect, states[effect], frames))
+    silent = {effect: why for effect in states if (why := dormant(effect)) is not None}
     if NOT_SOLO in silent.values():
-        candidates = dict.fromkeys((*effects.effects_of(scene), *(effect for effect, _ in states)))
+        candidates = dict.fromkeys((*effects.effects_of(scene), *states))
         solo = named([f"'{effect.name}'" for effect in candidates if effect.hfx.is_solo], 3)
         silent = {e: f"{why}: {solo}" if why == NOT_SOLO else why for e, why in silent.items()}
     return silent
@@ -277,11 +284,13 @@ def _neutral_c(effect: bpy.types.Object) -> float | None:
     return neutral_temperature_c(effect.hfx.temperature_reference == "CONTACT")
 
 
-def instanced(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> tuple[str, ...]:
-    """Warnings about instanced bodies, surfaces and further effects without samples there, by name.
-    Instances of haptic volumes are felt and give no warning, see :mod:`.instances`."""
+def instanced(
+    scene: bpy.types.Scene, layer: bpy.types.ViewLayer, instancers: Sequence[bpy.types.Object]
+) -> tuple[str, ...]:
+    """Warnings about bodies, surfaces and further effects that ``instancers`` show, without samples
+    there, by name. Instances of haptic volumes are felt and give no warning, see
+    :mod:`.instances`."""
     # The loop over instances is slow in large scenes, so the cheap tests come first.
-    instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
     if not instancers:
         return ()
     # Bodies, and effects other than volumes, cannot be read where an instance shows them.

@@ -7,7 +7,7 @@ keyed, so the current frame does not decide. The eye icon and the camera icon ha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -43,7 +43,7 @@ def enabled_objects(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> set[b
 
 
 def _enabled(collection: bpy.types.LayerCollection) -> set[bpy.types.Object]:
-    """Objects of a layer collection and its children. A disabled collection hides the children too,
+    """Objects of a layer collection and the children. A disabled collection hides the children too,
     an excluded one does not."""
     if collection.collection.hide_viewport:
         return set()
@@ -69,37 +69,44 @@ def felt_on(scene: SceneDescription, which: Sequence[bool]) -> list[int]:
     return [k for k, e in enumerate(scene.effects) if getattr(e.area, "body_id", None) in ids]
 
 
-def tag_unreported(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
-    """Tag effects and bodies of a scene whose stored haptic values differ from the evaluated copy;
-    returns True if there are any."""
+def tag_unreported(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> None:
+    """Tag effects and bodies of a scene as of :func:`tag_changed`."""
+    objects = (*effects.effects_of(scene), *effects.bodies_of(scene))
+    tag_changed({obj: stored_of(obj) for obj in objects}, layer)
+
+
+def tag_changed(
+    stored: Mapping[bpy.types.Object, dict[str, Any]], layer: bpy.types.ViewLayer
+) -> bool:
+    """Tag the objects of ``stored`` (see :func:`stored_of`) whose haptic values differ from those
+    of the evaluated copy; returns True if there are any."""
     # Blender's dependency graph does not report values set by scripts, and list items. Other
     # objects are not tagged, because a tag clears simulation caches.
+    depsgraph = layer.depsgraph
     changed = [
         obj
-        for obj in (*effects.effects_of(scene), *effects.bodies_of(scene))
-        for copy in [obj.evaluated_get(layer.depsgraph)]
+        for obj, values in stored.items()
+        for copy in [obj.evaluated_get(depsgraph)]
         # Raw values of most unchanged objects are equal, and quick to compare; NaN is not.
-        if _raw(obj) != _raw(copy) and _content(obj) != _content(copy)
+        if values != stored_of(copy) and _content(obj) != _content(copy)
     ]
     for obj in changed:
         obj.update_tag()
     return bool(changed)
 
 
-def _raw(obj: bpy.types.Object) -> dict[str, Any]:
+def stored_of(obj: bpy.types.Object) -> dict[str, Any]:
     """An object's stored values by name; a data-block in the values is another one in copies."""
-    values = {**dict(obj.items()), "hfx": compat.stored_properties(obj).get("hfx")}
-    groups = {k: v.to_dict() if hasattr(v, "to_dict") else v for k, v in values.items()}
+    stored = {"hfx": compat.stored_properties(obj).get("hfx")}
+    stored |= {name: value for name, value in obj.items() if name != "hfx"}
+    # Groups and arrays, as Blender stores these.
+    groups = {k: v.to_dict() if hasattr(v, "to_dict") else v for k, v in stored.items()}
     return {k: v.to_list() if hasattr(v, "to_list") else v for k, v in groups.items()}
 
 
 def _content(obj: bpy.types.Object) -> str:
     """Text of an object's haptic property group and its "hfx_" properties, for comparison; as text
     NaN equals NaN. Data-blocks count by full name."""
-    values = []
-    for key, value in obj.items():
-        if key.startswith("hfx_"):  # "hfx" itself is a property group
-            if isinstance(value, bpy.types.ID):
-                value = value.name_full
-            values.append((key, value.to_list() if hasattr(value, "to_list") else value))
+    # "hfx" itself is a property group.
+    values = [(k, compat.plain(value)) for k, value in obj.items() if k.startswith("hfx_")]
     return repr((compat.properties(obj), values))

@@ -104,12 +104,13 @@ class Sources:
         self._found = found
         self._shapes = shapes
         self._faults = {} if faults is None else faults
-        sources = sources_of(found.scene)
+        sources = sources_of(found.scene, found.instancers)
         valid, bad = soundness.without_faulty(sources.values(), soundness.warnings_of)
         warnings = (text for texts in valid.values() for text in texts)
         sources = {name: source for name, source in sources.items() if source in valid}
         # An effect of the scene on solo silences sources as well.
-        every = {obj.name_full: obj for obj in effects.effects_of(found.scene) if sources}
+        own = effects.effects_of(found.scene) if sources else ()
+        every = {obj.name_full: obj for obj in own}
         silenced = effects.muted_effects({**every, **sources}.values())
         states = {
             name: activation.SILENCED if source in silenced else activation.activation_of(source)
@@ -119,7 +120,7 @@ class Sources:
         self.notes = soundness.non_finite_keyframes(sources.values())
         self.activations = {sources[name]: state for name, state in states.items()}
         self.asleep = (
-            {} if time is None else unfelt.asleep(found.scene, time, self.activations.items())
+            {} if time is None else unfelt.asleep(found.scene, time, self.activations, found.equal)
         )
         self.states = {
             name: state

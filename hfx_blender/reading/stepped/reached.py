@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """References between data-blocks: instancers, sources of instances, and dependencies."""
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 import bpy
 
@@ -17,7 +17,7 @@ def is_instancer(obj: bpy.types.ID) -> bool:
     return isinstance(obj, bpy.types.Object) and (
         obj.instance_type != "NONE"
         or bool(obj.particle_systems)
-        or any(modifier.type == "NODES" for modifier in obj.modifiers)
+        or (bool(obj.modifiers) and any(modifier.type == "NODES" for modifier in obj.modifiers))
     )
 
 
@@ -26,12 +26,19 @@ def is_volume(obj: bpy.types.Object) -> bool:
     return bool(obj.hfx.role == "EFFECT" and obj.hfx.kind == "VOLUME")
 
 
-def sources_of(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
-    """Haptic volumes that a scene's instancers use, directly or not, by full name, sorted; empty
-    without any."""
+def instancers_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Objects of a scene that may show further objects, see :func:`is_instancer`."""
+    return [obj for obj in scene_objects(scene) if is_instancer(obj)]
+
+
+def sources_of(
+    scene: bpy.types.Scene, instancers: Sequence[bpy.types.Object] | None = None
+) -> dict[str, bpy.types.Object]:
+    """Haptic volumes that a scene's ``instancers`` (None: :func:`instancers_of`) use, directly or
+    not, by full name, sorted; empty without any."""
     if not any(map(is_volume, bpy.data.objects)):
         return {}
-    instancers = [obj for obj in scene_objects(scene) if is_instancer(obj)]
+    instancers = instancers_of(scene) if instancers is None else instancers
     reached = reached_from(instancers) if instancers else set()
     volumes = filter(is_volume, sorted(reached, key=lambda obj: obj.name_full))
     return {obj.name_full: obj for obj in volumes}

@@ -160,7 +160,7 @@ def _by_name(objects: Iterable[bpy.types.Object]) -> list[bpy.types.Object]:
 
 def _is_simulated(obj: bpy.types.Object) -> bool:
     """Test for rigid bodies and for simulating modifiers."""
-    return obj.rigid_body is not None or any(_simulates(modifier) for modifier in obj.modifiers)
+    return obj.rigid_body is not None or any(map(_simulates, obj.modifiers))
 
 
 def _simulates(modifier: bpy.types.Modifier) -> bool:

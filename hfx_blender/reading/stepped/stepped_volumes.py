@@ -52,11 +52,16 @@ class FarVolumes:
     def __init__(
         self, found: HapticObjects, scene: SceneDescription, effects: Sequence[int]
     ) -> None:
-        halves = {k: _half_size(found.effects[k]) for k in effects}
+        volumes = [found.effects[k] for k in effects]
+        is_mesh = found.equal.shared(lambda effect: effect.hfx.shape == "MESH")
+        half_size = found.equal.shared(_half_size)
+        # The size of a mesh is not in the settings.
+        sizes = [_half_size(effect) if is_mesh(effect) else half_size(effect) for effect in volumes]
+        halves = dict(zip(effects, sizes, strict=True))
         half_sizes = {k: half for k, half in halves.items() if half is not None}
         self.numbers = tuple(half_sizes)
         self._effects = [found.effects[k] for k in half_sizes]
-        self._is_mesh = np.array([effect.hfx.shape == "MESH" for effect in self._effects], np.bool_)
+        self._is_mesh = np.array([*map(is_mesh, self._effects)], np.bool_)
         self._has_mesh = bool(self._is_mesh.any())
         corners = np.array([*half_sizes.values()], np.float64).reshape(-1, 3)
         self._still = np.stack([-corners, corners], axis=1)
@@ -144,15 +149,22 @@ class FarVolumes:
         """Mask (N,) of volumes present at any time whose box around all times of a block meets a
         body's skin box over the block; a NaN box and unknown skin count as near. ``poses``: one per
         body of the scene."""
+        return self.meet(*self.around(places), poses) & places.there.any(axis=0)
+
+    def around(self, places: VolumePlacements) -> Box:
+        """Boxes around the volumes over all times of ``places``, (N, 3), metres."""
         matrices = places.matrices.copy()
         matrices[..., :3, :] *= self._unit_m
-        low, high = swept_boxes(matrices, places.boxes, places.there)
+        return swept_boxes(matrices, places.boxes, places.there)
+
+    def meet(self, low: F64, high: F64, poses: Sequence[PoseBlock]) -> Bool:
+        """Mask (N,) of boxes, as of :meth:`around`, that meet a body's skin box over a block."""
         # Compare by "not apart" instead of "overlapping", so that a NaN box counts as near.
         is_near = np.zeros(len(low), np.bool_)
         for skin, pose in zip(self._skins, poses, strict=True):
             box = skin.over(pose)
             is_near |= box is None or ~((low > box[1]).any(axis=1) | (high < box[0]).any(axis=1))
-        return is_near & places.there.any(axis=0)
+        return is_near
 
 
 def _all(objects: bpy.types.bpy_prop_collection, name: str, count: int, width: int) -> F32:

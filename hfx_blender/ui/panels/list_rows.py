@@ -13,13 +13,7 @@ from collections.abc import Callable
 from math import inf
 
 import bpy
-from bpy.props import (
-    BoolProperty,
-    CollectionProperty,
-    FloatProperty,
-    IntProperty,
-    StringProperty,
-)
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, StringProperty
 
 from ...authoring import clips
 from ...authoring.effects import effects, swarms

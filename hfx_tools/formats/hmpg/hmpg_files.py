@@ -21,12 +21,12 @@ from hfx_blender.files.findings import Finding
 from hfx_blender.files.strict_json import encoded as as_json
 from hfx_blender.files.strict_json import read_bytes
 from hfx_blender.formats.glb import glb
-from hfx_blender.formats.hjif import from_track, hjif_reader, hjif_rules, to_signals
+from hfx_blender.formats.hjif import from_track, hjif_reader, hjif_rules
 from hfx_blender.formats.registry import FORMATS
 from hfx_blender.formats.signals.signals import FrequencyRange, Signal
 from hfx_blender.formats.written import Written, write_json
 
-from .. import hjif_from_actuators
+from .. import hjif_from_actuators, hjif_signals
 from .hmpg_reader import decode, document_of, with_own_codes
 from .hmpg_writer import encoded
 
@@ -54,7 +54,7 @@ def document_at(path: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
 def signals_at(path: Path) -> tuple[list[Signal], FrequencyRange]:
     """Vibration signals of a ``.hmpg`` file, as of a HJIF file; notes are on the first signal."""
     document, notes = document_at(path)
-    signals, frequencies = to_signals.decode(as_json(document), str(path))
+    signals, frequencies = hjif_signals.decode(as_json(document), str(path))
     if signals:
         # The document is read twice: a note of both readings is stated once.
         unique = dict.fromkeys((*notes, *with_own_codes(signals[0].notes)))

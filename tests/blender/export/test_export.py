@@ -21,7 +21,8 @@ from hfx_blender.engine.tolerance import parse as parse_tolerance
 from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError, UsageError
 from hfx_blender.export.batch import journal
-from hfx_blender.export.scene_export import ExportReport, ExportSettings, export_scene, scene_named
+from hfx_blender.export.report import ExportReport
+from hfx_blender.export.scene_export import ExportSettings, export_scene, scene_named
 from hfx_blender.formats.device_files import haptic
 from hfx_blender.formats.written import Written
 

@@ -39,7 +39,7 @@ from hfx_tools.commands.conversion import convert
 from hfx_tools.commands.info import facts_of_report
 from hfx_tools.commands.played_clip import PlayedClip
 from hfx_tools.commands.played_track import PlayedTrackSource
-from hfx_tools.formats import clip_rules, csv_reader, npz_reader
+from hfx_tools.formats import clip_rules, csv_reader, hjif_signals, npz_reader
 from hfx_tools.formats.hmpg import hmpg_files, hmpg_reader, hmpg_writer
 
 Reader = Callable[[bytes], None]
@@ -155,13 +155,13 @@ def _hjif(content: bytes) -> None:
     assert hjif_reader.decode(encoded(document), "x")[0] == document
     for envelope in to_signals.envelopes(document):
         assert len(envelope.strength) > 0
-    to_signals.decode(content, "x")
+    hjif_signals.decode(content, "x")
 
 
 def _hmpg(content: bytes) -> None:
     """Read, write, read again: the same but for what HMPG rounds; then once more, exactly."""
     document, _ = hmpg_reader.decode(content, "x")
-    to_signals.decode(encoded(document), "x")
+    hjif_signals.decode(encoded(document), "x")
     hmpg_files.validate(content, "x")
     once = hmpg_reader.decode(hmpg_writer.encoded(document, "x").content, "x")[0]
     assert hmpg_reader.decode(hmpg_writer.encoded(once, "x").content, "x")[0] == once
