@@ -88,7 +88,8 @@ def _check(path: Path, strict: bool, console: Console) -> dict[str, Any]:
     except InputError as error:
         console.warn(f"hfx: {error}")
         id = None if own is None else own.name
-        return {"file": str(path), "format": id, "is_valid": False, "error": str(error)}
+        result = {"file": str(path), "format": id, "is_valid": False, "findings": []}
+        return result | {"error": str(error)}
     for finding in findings:
         console.say(f"{path}: {finding}")
     # Warnings count as faults with --strict only.

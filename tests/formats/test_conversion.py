@@ -535,3 +535,17 @@ def test_a_foreign_companion_file_stays(tmp_path, capsys, suffix):
         assert str(companions[-1]) in line and f"'{target.name}' needs this name" in line
         after = {path: path.read_bytes() for path in tmp_path.iterdir()}
         assert after == {**before, companions[-1]: content}
+
+
+def test_times_of_haptic_that_fall_in_64_bits_only_are_taken() -> None:
+    # In binary 9 * 0.002 + 0.002 is above 0.02 by a rounding step, and equal to it in 32 bits.
+    times = [0.0, 9 * 0.002 + 0.002, 0.02, 0.05]
+    assert times[1] > times[2] and np.float32(times[1]) == np.float32(times[2])
+    points = [{"time": time, "amplitude": k / 4} for k, time in enumerate(times)]
+    content = {
+        "version": {"major": 1, "minor": 0, "patch": 0},
+        "signals": {"continuous": {"envelopes": {"amplitude": points}}},
+    }
+    (signal,), _ = haptic.decode(json.dumps(content).encode(), "x.haptic")
+    assert signal.amplitude.times_s.tolist() == [0.0, times[1], times[1], 0.05]
+    assert signal.amplitude.values.tolist() == [0.0, 0.25, 0.5, 0.75]

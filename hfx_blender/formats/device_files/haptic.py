@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from ...engine.arrays import F64
 from ...files.findings import Finding, Report, json_validator, refuse_untolerated, without_nulls
 from ...files.json_shapes import Items, Number, Record, Text, check, loose
 from ...files.strict_json import clean, parse
@@ -215,16 +216,19 @@ def decode(content: bytes, name: str) -> tuple[list[Signal], FrequencyRange]:
     title = metadata.get("description") if isinstance(metadata, dict) else None
     signal = Signal(
         title if isinstance(title, str) and title else Path(name).stem,
-        Curve.of([p["time"] for p in points], [p["amplitude"] for p in points]),
-        Curve(
-            np.array([p["time"] for p in shares], np.float64),
-            frequencies.hertz([p["frequency"] for p in shares]),
-        ),
+        Curve.of(_times_s(points), [p["amplitude"] for p in points]),
+        Curve(_times_s(shares), frequencies.hertz([p["frequency"] for p in shares])),
         tuple(transients),
         notes=notes,
         credits=_credits_of(metadata),
     )
     return [signal], frequencies
+
+
+def _times_s(points: list[Any]) -> F64:
+    """Times of points, seconds, ascending in 64 bits, too: a time that is before the last one only
+    in 64 bits becomes the last one."""
+    return np.maximum.accumulate(np.array([point["time"] for point in points], np.float64))
 
 
 held: Final = DEFAULT_RANGE.held
