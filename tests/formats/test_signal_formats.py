@@ -587,3 +587,15 @@ def test_an_event_of_five_seconds_leaves_no_short_rest():
     events = he_events.events_of(content, RANGE, falls_to_zero=False)
     assert [(e.start_ms, e.end_ms) for e in events] == [(0, 4998), (4998, 5001)]
     assert {level for e in events for _, level, _ in e.points} == {0.5}
+
+
+def test_a_sound_of_one_millisecond_is_silent_a_millisecond_later():
+    """0.8 from 0 to 1 ms, then silence: 0 from 2 ms on, not on a line down to 3 ms."""
+    content = Signal(
+        "r1c1",
+        Curve(np.array([0.0, 0.001, 0.001]), np.array([0.8, 0.8, 0.0])),
+        Curve(np.array([0.0]), np.array([120.0])),
+    )
+    (event,) = he_events.events_of(content, RANGE, falls_to_zero=False)
+    points = [(time, level) for time, level, _ in event.points]
+    assert points == [(0, 0.8), (1, 0.8), (2, 0.0), (3, 0.0)]

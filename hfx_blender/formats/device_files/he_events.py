@@ -87,8 +87,10 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
     moved: dict[int, int] = {}  # times of ticks
     for grid, levels, shares in sounds:
         if grid[-1] < grid[0] + _SHORTEST_MS:
-            grid = np.append(grid, grid[0] + _SHORTEST_MS)
-            levels, shares = np.append(levels, 0.0), np.append(shares, shares[-1])
+            # Silent from the next millisecond on, not on a line down to the third.
+            silent = sorted({int(grid[-1]) + 1, int(grid[0]) + _SHORTEST_MS})
+            grid, levels = np.append(grid, silent), np.append(levels, [0.0] * len(silent))
+            shares = np.append(shares, [shares[-1]] * len(silent))
         cuts, end = [int(grid[0])], int(grid[-1])
         for time in sorted(ms for ms in ticks_ms if cuts[0] < ms < end):
             if end - time < _SHORTEST_MS <= time - cuts[-1]:
