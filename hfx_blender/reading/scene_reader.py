@@ -139,12 +139,12 @@ class SceneReader:
             haptics.scene, self.time, states, haptics.dormant, haptics.equal
         )
         gone = {effect: Unfelt(why) for effect, why in haptics.gone.items()}
-        named = effects.shown_name
-        self.unfelt = {named(effect): why for effect, why in {**gone, **new}.items()}
+        names = effects.shown_names({**gone, **new})
+        self.unfelt = {names[effect]: why for effect, why in {**gone, **new}.items()}
         return (
             *clip_warnings,
             *missed_warnings(
-                (named(effect), reason.reason)
+                (names[effect], reason.reason)
                 for effect, reason in new.items()
                 if not (reason.is_expected or reason.is_warned)
             ),

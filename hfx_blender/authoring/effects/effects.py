@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import uuid
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -418,13 +419,12 @@ def unique_ids(objects: list[bpy.types.Object]) -> dict[bpy.types.Object, str]:
     return ids
 
 
-def shown_name(obj: bpy.types.Object) -> str:
-    """Name of an object; the full name, with the library, if the file has more of that name."""
-    if not bpy.data.libraries:  # the search takes long among thousands of objects
-        return obj.name
-    libraries = [None, *(library.filepath for library in bpy.data.libraries)]
-    same = [path for path in libraries if bpy.data.objects.get((obj.name, path)) is not None]
-    return obj.name if len(same) == 1 else obj.name_full
+def shown_names(objects: Iterable[bpy.types.Object]) -> dict[bpy.types.Object, str]:
+    """Name of each object; the full name, with the library, if the file has more of that name."""
+    if not bpy.data.libraries:
+        return {obj: obj.name for obj in objects}
+    counts = Counter(obj.name for obj in bpy.data.objects)
+    return {obj: obj.name if counts[obj.name] == 1 else obj.name_full for obj in objects}
 
 
 def store_unique_ids() -> None:

@@ -23,14 +23,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from ...engine.rendering.device_config import (
-    BhapticsEncoder,
-    ButtplugEncoder,
-    DeviceConfig,
-    Encoder,
-    OscEncoder,
-    VrcHapticsEncoder,
-)
+from ...engine.rendering import device_config
 from ...errors import HfxError
 from ...files.atomic import atomic_file
 from ...files.locks import take_lock
@@ -64,7 +57,7 @@ class Identity(NamedTuple):
 
 
 def identities(
-    device: DeviceConfig, target: Mapping[str, Any], *labels: str
+    device: device_config.DeviceConfig, target: Mapping[str, Any], *labels: str
 ) -> tuple[Identity, ...]:
     """Identities of the physical device behind a target; equal identities share budgets.
 
@@ -104,7 +97,7 @@ def identities(
 
 
 def _identities_of_part(
-    device: DeviceConfig, target: Mapping[str, Any], label: str = ""
+    device: device_config.DeviceConfig, target: Mapping[str, Any], label: str = ""
 ) -> tuple[Identity, ...]:
     """Identities of a device with one output, as of :func:`identities`."""
     kind = target.get("kind")
@@ -120,12 +113,12 @@ def _identities_of_part(
     if kind in ("udp", "websocket") and kind == kind_of(device):
         assert device.output is not None
         transport = device.output.transport
-        if isinstance(device.output.encoder, VrcHapticsEncoder):
+        if isinstance(device.output.encoder, device_config.VrcHapticsEncoder):
             return (Identity(f"vrc-haptics {label}", numbers),)
         host = computer(str(target.get("host", getattr(transport, "host", ""))))
         port_number = target.get("port", getattr(transport, "port", ""))
         how = device.output.encoder
-        if isinstance(how, BhapticsEncoder) and isinstance(port_number, int):
+        if isinstance(how, device_config.BhapticsEncoder) and isinstance(port_number, int):
             port_number -= how.sdk - 1  # both ports are of one Player
         name = f"{kind} {host}:{port_number} {label}".rstrip()
         return (Identity(name, _network_slots(device, how)),)
@@ -142,16 +135,18 @@ def _identities_of_part(
     return (Identity(f"device {device.id}", numbers, False),)
 
 
-def _network_slots(device: DeviceConfig, how: Encoder) -> tuple[str, ...]:
+def _network_slots(
+    device: device_config.DeviceConfig, how: device_config.Encoder
+) -> tuple[str, ...]:
     """Name of the physical channel of each actuator: Buttplug feature, bHaptics position and motor,
     or OSC address of the strength, in which "*" replaces the id of the device's configuration;
     "none" without a channel."""
-    if isinstance(how, ButtplugEncoder):
+    if isinstance(how, device_config.ButtplugEncoder):
         return tuple(str(feature) for feature, _ in how.outputs)
-    if isinstance(how, BhapticsEncoder):
+    if isinstance(how, device_config.BhapticsEncoder):
         dots = how.worn_dots(is_mirrored=device.is_mirrored)
         return tuple(f"{position} {index}" for position, index in dots)
-    assert isinstance(how, OscEncoder)
+    assert isinstance(how, device_config.OscEncoder)
     # Two configurations with one address drive the same channel, also under different ids.
     anonymous = replace(device, id="*")
     names = Channels(device).names

@@ -12,16 +12,11 @@ import numpy.typing as npt
 
 from ...engine.arrays import F64, Bool
 from ..signals.signals import FrequencyRange, Signal, bursts, joined_times
-from .he_rules import (
-    MAX_CURVE_POINTS,
-    MAX_DURATION_MS,
-    MAX_PATTERN_EVENTS,
-    MAX_RELATIVE_MS,
-    MIN_CURVE_POINTS,
-    PatternSpacing,
-)
+from . import he_rules
 
-_SHORTEST_MS: Final = MIN_CURVE_POINTS - 1  # of an event, whose points have different times
+_SHORTEST_MS: Final = (
+    he_rules.MIN_CURVE_POINTS - 1
+)  # of an event, whose points have different times
 _SAME_LEVEL: Final = 0.005
 _SAME_SHARE: Final = 1.0  # percent
 
@@ -48,8 +43,8 @@ def silent_end(signal: Signal, events: Sequence[HeEvent]) -> list[HeEvent]:
     end = round(1000.0 * signal.duration_s)
     begin = max((event.end_ms for event in events), default=0)
     # An event needs four points at different milliseconds.
-    starts = range(begin, end - MIN_CURVE_POINTS, MAX_DURATION_MS)
-    silence = [(start, min(end - start, MAX_DURATION_MS)) for start in starts]
+    starts = range(begin, end - he_rules.MIN_CURVE_POINTS, he_rules.MAX_DURATION_MS)
+    silence = [(start, min(end - start, he_rules.MAX_DURATION_MS)) for start in starts]
     return [
         HeEvent(start, tuple(_with_enough_points([(0, 0.0, 0), (length, 0.0, 0)])))
         for start, length in silence
@@ -103,7 +98,7 @@ def events_of(signal: Signal, frequencies: FrequencyRange, *, falls_to_zero: boo
         # gaps, the longest event.
         times_ms = {*grid.tolist(), *cuts}
         for time, after in pairwise(sorted(times_ms)):
-            times_ms |= set(range(time, after, MAX_DURATION_MS))
+            times_ms |= set(range(time, after, he_rules.MAX_DURATION_MS))
         all_ms = sorted(times_ms)
         all_levels = np.interp(all_ms, grid, levels).tolist()
         all_shares = np.rint(np.interp(all_ms, grid, shares)).astype(int).tolist()
@@ -124,14 +119,14 @@ def patterns_of(events: Sequence[HeEvent]) -> list[tuple[int, list[HeEvent]]]:
     next pattern begins later than its first event.
     """
     patterns: list[tuple[int, list[HeEvent]]] = []
-    spacing = PatternSpacing()
+    spacing = he_rules.PatternSpacing()
     first = 0
     while first < len(events):
         start = max(events[first].start_ms, spacing.earliest_ms)
         candidates = [
             event
-            for event in events[first : first + MAX_PATTERN_EVENTS]
-            if event.start_ms - start <= MAX_RELATIVE_MS
+            for event in events[first : first + he_rules.MAX_PATTERN_EVENTS]
+            if event.start_ms - start <= he_rules.MAX_RELATIVE_MS
         ]
         times = [
             (max(e.start_ms - start, 0), None if e.transient else e.points[-1][0])
@@ -185,7 +180,7 @@ def _cut(points: list[_PointMs], cuts: list[int], falls_to_zero: bool) -> list[H
     limits; successive events share a point. Limits: 16 points (14 with ``falls_to_zero``, which
     adds a silent point at both ends), and 3 ms to 5 s."""
     events = []
-    most = MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
+    most = he_rules.MAX_CURVE_POINTS - (2 if falls_to_zero else 0)
     first = 0
     while first < len(points) - 1:
         start, stop = points[first][0], first + 1
@@ -193,14 +188,14 @@ def _cut(points: list[_PointMs], cuts: list[int], falls_to_zero: bool) -> list[H
         while (
             stop + 1 < len(points)
             and stop + 1 - first < most
-            and points[stop + 1][0] - start <= MAX_DURATION_MS
+            and points[stop + 1][0] - start <= he_rules.MAX_DURATION_MS
             and cuts[bisect_left(cuts, points[stop][0])] > points[stop][0]
         ):
             stop += 1
         end = points[stop][0]
         # Neither this event nor the next one may be too short.
         if end < start + _SHORTEST_MS:
-            end = start + MAX_DURATION_MS
+            end = start + he_rules.MAX_DURATION_MS
         rest = cuts[bisect_left(cuts, end)] - end
         if 0 < rest < _SHORTEST_MS:
             end += rest - _SHORTEST_MS
@@ -226,7 +221,7 @@ def _cut(points: list[_PointMs], cuts: list[int], falls_to_zero: bool) -> list[H
 def _with_enough_points(part: list[_PointMs]) -> list[_PointMs]:
     """Halve the longest interval by a point on the line, in whole ms, until there are four points;
     four or more points are returned unchanged. ``part`` lasts 3 ms or more."""
-    while len(part) < MIN_CURVE_POINTS:
+    while len(part) < he_rules.MIN_CURVE_POINTS:
         k = max(range(len(part) - 1), key=lambda k: part[k + 1][0] - part[k][0])
         middle = (part[k][0] + part[k + 1][0]) // 2
         part = [*part[: k + 1], _between(part[k], part[k + 1], middle), *part[k + 1 :]]

@@ -246,11 +246,12 @@ def without_absent(
 def _excluded(reasons: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
     """One warning for each reason of the excluded effects, with at most 12 names."""
     names_by_reason: dict[str, list[str]] = {}
+    names = effects.shown_names(reasons)
     for effect, why in reasons.items():
-        names_by_reason.setdefault(why, []).append(f"'{effects.shown_name(effect)}'")
+        names_by_reason.setdefault(why, []).append(f"'{names[effect]}'")
     texts = []
-    for why, names in names_by_reason.items():
-        count, listed = len(names), named(names, MOST_NAMES)
+    for why, quoted in names_by_reason.items():
+        count, listed = len(quoted), named(quoted, MOST_NAMES)
         if count == 1:
             text = f"effect {listed} {why}: it was left out"
             curable = f"effect {listed} {why}: it was left out; {_CURE}"
@@ -275,6 +276,7 @@ def describe(
     effects and bodies, and effects on these bodies, are left out with a warning. Raises InputError
     with all faults if no effect or no body is left."""
     ids = effects.unique_ids([*haptics.bodies, *haptics.effects])
+    names = effects.shown_names([*haptics.bodies, *haptics.effects])
     states = dict(zip(haptics.effects, haptics.activations, strict=True))
 
     def facts_of(effect: bpy.types.Object, is_dormant: bool) -> tuple[Any, ...]:
@@ -293,7 +295,7 @@ def describe(
             shapes.shape_of(effect, effect.evaluated_get(depsgraph))  # a bad mesh is reported now
         # The areas of other effects depend on more than settings.
         facts = (facts_of_volume if is_volume else facts_of)(effect, is_dormant)
-        return EffectDescription(ids[effect], effects.shown_name(effect), *facts)
+        return EffectDescription(ids[effect], names[effect], *facts)
 
     described, faults = soundness.without_faulty(haptics.effects, work)
     if not described and not more:
@@ -349,8 +351,7 @@ def describe(
     return valid, SceneDescription(
         time=time,
         bodies=tuple(
-            BodyDescription(ids[body], effects.shown_name(body), binding)
-            for body, binding in bindings.items()
+            BodyDescription(ids[body], names[body], binding) for body, binding in bindings.items()
         ),
         effects=(*described.values(), *more),
         source=_source(haptics.scene),

@@ -94,7 +94,7 @@ def left_out(faults: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
 def titled(obj: bpy.types.Object) -> str:
     """Kind and quoted name for messages: effect, body or object."""
     kind = {"EFFECT": "effect", "BODY": "body"}.get(obj.hfx.role, "object")
-    return f"{kind} '{effects.shown_name(obj)}'"
+    return f"{kind} '{effects.shown_names([obj])[obj]}'"
 
 
 def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]:

@@ -119,7 +119,8 @@ def _sentence(owner: bpy.types.ID, curve: bpy.types.FCurve) -> str:
     if hasattr(owner.path_resolve(path), "__len__"):
         path += f"[{curve.array_index}]"
     kind = owner.bl_rna.name.lower()
-    name = effects.shown_name(owner) if isinstance(owner, bpy.types.Object) else owner.name
+    is_object = isinstance(owner, bpy.types.Object)
+    name = effects.shown_names([owner])[owner] if is_object else owner.name
     return (
         f"the driver of '{path}' of {kind} '{name}' cannot be evaluated: its value is the "
         "one that Blender leaves there"

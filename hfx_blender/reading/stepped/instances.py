@@ -137,7 +137,7 @@ class Sources:
         source, hfx = self.objects[name], self.objects[name].hfx
         return EffectDescription(
             id=self._ids[source],
-            name=effects.shown_name(source),
+            name=effects.shown_names([source])[source],
             modality=hfx.modality,
             model_id=effects.model_id_for(hfx.modality, self._found.bodies[0]),
             area=response_values.volume_of(source),
@@ -278,7 +278,7 @@ class Instances:
         self.descriptions = _numbered(
             self._keys,
             {name: self._sources.described(name) for name in names},
-            {effects.shown_name(obj) for obj in effects.effects_of(scene)},
+            {*effects.shown_names(effects.effects_of(scene)).values()},
         )
 
     @property
