@@ -295,11 +295,12 @@ def refuse_taken(path: Path) -> None:
 
 
 def refuse_device(path: Path) -> None:
-    """Raise OutputError for a device, a pipe or a link to an open file."""
+    """Raise OutputError for a folder, a device, a pipe or a link to an open file."""
     # os.path reports too long names as missing; writing raises their error.
     is_open_file = os.path.islink(path) and os.readlink(path).startswith("/proc/")
     if is_open_file or (os.path.exists(path) and not os.path.isfile(path)):
-        raise OutputError(f"{path}: cannot be written (it is a device or a pipe, not a file).")
+        kind = "a folder" if os.path.isdir(path) else "a device or a pipe"
+        raise OutputError(f"{path}: cannot be written (it is {kind}, not a file).")
 
 
 def _remove(path: Path) -> None:

@@ -479,6 +479,15 @@ def test_a_step_is_no_error_of_the_keyframes(tmp_path):
     np.testing.assert_allclose(few.amplitude.at([0.5, 1.5]), [0.2, 0.9], atol=0.01)
 
 
+def test_a_folder_as_target_is_called_a_folder(tmp_path, capsys):
+    haptic.write([signal([0, 1])], RANGE, tmp_path / "x")
+    source, target = tmp_path / "x.r1c1.haptic", tmp_path / "folder.ahap"
+    target.mkdir()
+    assert cli.run(["convert", str(source), str(target)]) == 3
+    error = capsys.readouterr().err
+    assert error == f"hfx: {target}: cannot be written (it is a folder, not a file).\n"
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
 def test_a_device_as_target_is_refused_with_a_format_too(tmp_path, capsys):
     with track_of(tmp_path, "vibration", "volume", BEAT) as track:
