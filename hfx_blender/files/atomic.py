@@ -299,8 +299,9 @@ def refuse_device(path: Path) -> None:
     # os.path reports too long names as missing; writing raises their error.
     is_open_file = os.path.islink(path) and os.readlink(path).startswith("/proc/")
     if is_open_file or (os.path.exists(path) and not os.path.isfile(path)):
-        kind = "a folder" if os.path.isdir(path) else "a device or a pipe"
-        raise OutputError(f"{path}: cannot be written (it is {kind}, not a file).")
+        if os.path.isdir(path):
+            raise OutputError(f"{path}: cannot be written (it is a folder, not a file).")
+        raise OutputError(f"{path}: cannot be written (it is a device or a pipe, not a file).")
 
 
 def _remove(path: Path) -> None:

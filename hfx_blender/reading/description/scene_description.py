@@ -112,8 +112,9 @@ def find(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> HapticObjects:
     if not (shown or instancers):  # which may show volumes of other scenes
         if not candidates:
             raise _refusal([f"Scene '{scene.name}' has no haptic effects.", *_missing_data()])
-        are_off = "all of its haptic effects are disabled in viewports"
-        raise InputError(f"Scene '{scene.name}': {are_off}.")
+        raise InputError(
+            f"Scene '{scene.name}': all of its haptic effects are disabled in viewports."
+        )
     # Blender reads a stored enum value that is no item, as of a later version, as "".
     roleless = by_role.get("", ())
     bad_roles = ((obj, bad) for obj in roleless for bad in bad_values(obj) if bad.path == "role")
