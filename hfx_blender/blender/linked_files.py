@@ -133,8 +133,8 @@ _Path = tuple[bpy.types.ID, str, bool]
 
 
 def _paths_listed_by_blender(folders_of: Mapping[bpy.types.Object, set[str]]) -> Iterator[_Path]:
-    """Yield the paths of Blender's own list, without texts and packed files. Folders of bakes, by
-    object, and point caches are listed too, and need not exist."""
+    """Yield the external files that Blender lists, without texts and packed files. Folders of bakes
+    (``folders_of``, paths by object) and point caches are among these, and need not exist."""
     folders = {
         bpy.path.abspath(raw, library=obj.library)
         for obj, paths in folders_of.items()

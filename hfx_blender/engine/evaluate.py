@@ -38,7 +38,7 @@ _MOST_BEGUN: Final = 16
 """Largest number of effects in work: each holds weights of the skin within reach, at all rows."""
 
 _MOST_PREPARED: Final = 4
-"""Number of bodies with tables from the start: about 30 ms for each body with three models."""
+"""Largest number of bodies whose tables of skin are computed early; each takes about 30 ms."""
 
 _SLOW: Final = (
     "without the compiled part of HFX, what volumes touch was computed by its definition, "
@@ -100,9 +100,9 @@ class Engine:
         return (_SLOW,) if self.scene.has_volumes and not library.is_there() else ()
 
     def prepare(self) -> None:
-        """Compute the tables of skin that volumes may reach, of the first bodies of the scene, so
-        that no moment of a live scene waits for a table. Further bodies get theirs as they are
-        touched."""
+        """Compute the tables of skin of the first four bodies for the volumes of the scene, so that
+        no frame of a live scene waits. Other tables are computed at the first contacts. No effect
+        without the compiled library."""
         if library.is_there():
             volumes = [e for e in self.scene.effects if isinstance(e.area, HapticVolume)]
             for model_id in sorted({volume.model_id for volume in volumes}):

@@ -379,8 +379,9 @@ def _refuse_foreign_files(files: Iterable[Path], target: Path) -> None:
 
 
 def target_of(path: Path) -> FormatInfo:
-    """Return the writable format whose suffix ends an output path, in any case; the longest suffix
-    wins. Raises UsageError for an unknown suffix, and for a name of only a suffix."""
+    """Return the format to write to an output path: that of the longest suffix with which the name
+    ends, in upper or lower case. Raises UsageError for an unknown suffix, and for a name of only a
+    suffix."""
     # ".v1.he" ends with ".he", too: the longest suffix wins.
     targets = [FORMATS[id] for id in TARGETS]
     for info in sorted(targets, key=lambda each: -len(each.suffix)):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Checks of files by reading: tracks, pictures, drawings, Blender files.
+"""Validation of tracks, pictures, drawings and Blender files by reading the whole file.
 
-The functions of ``read`` in ``formats.toml``: each returns warnings, and raises InputError for the
-first fault.
+``formats.toml`` names one of these functions as ``read`` of a format. A function returns warnings,
+and raises InputError for the first fault.
 """
 
 from __future__ import annotations
@@ -55,9 +55,10 @@ def read_picture(path: Path) -> list[Finding]:
 
 
 def read_blend(path: Path) -> list[Finding]:
-    """Read the heads of all blocks of a ``.blend`` (plain, zstd or gzip), and the names in DNA1;
-    the content of other blocks is not checked. InputError for a damaged or cut file, or bytes after
-    its end; a warning for a compressed file without Python's ``zstandard``."""
+    """Check the order of the blocks in a ``.blend`` file, plain or compressed by zstd or gzip, and
+    the names of Blender's types in the block DNA1; the content of other blocks is not checked.
+    Raises InputError for a damaged or cut file, and for bytes after its end. Returns a warning for
+    a compressed file if the Python module ``zstandard`` is missing."""
     content = mapped(path)
     if not content[:7].startswith((b"BLENDER", _ZSTD, b"\x1f\x8b")):
         raise InputError(f"{path}: is no .blend file.")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files of every kind, cut, doubled and with further bytes, as ``hfx validate`` reports them."""
+"""``hfx validate`` on damaged files of each format: cut, doubled, zeroed, with more bytes."""
 
 from __future__ import annotations
 

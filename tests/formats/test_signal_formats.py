@@ -560,7 +560,7 @@ def test_points_of_a_he_event_have_different_times(falls_to_zero, rate_hz, data)
 
 
 def test_a_sound_of_two_milliseconds_has_four_points():
-    """0 at 1 ms, 0.8 at 2 ms, 0 at 3 ms; the fourth point is silent, a millisecond later."""
+    """A peak of 0.8 between zeros at 1 and 3 ms: the event ends with a further zero at 4 ms."""
     (event,) = he_events.events_of(
         signal([0, 0, 0.8, 0, 0], rate_hz=1000.0), RANGE, falls_to_zero=False
     )

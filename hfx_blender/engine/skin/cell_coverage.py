@@ -191,7 +191,8 @@ class BodySkin:
         return self._groups.table
 
     def fill(self) -> None:
-        """Compute the tables of all clusters, about 10 ms and 10 MB for each model."""
+        """Compute the tables of all clusters, which otherwise wait for the first contact of each
+        cluster with a volume; needs the compiled library."""
         every = np.arange(len(self.surface.clusters))
         self.skin.table.need(every)
         if isinstance(self.surface, SkinnedModel):
@@ -199,7 +200,8 @@ class BodySkin:
             self.cell_groups(every)
 
     def is_moved_by(self, binding: SkinBinding | SurfaceBinding) -> bool:
-        """Test that a binding moves the skin as the skin's own binding, both by bones."""
+        """Test for a binding to bones with the bones and fits of this skin's own binding; False if
+        either binding is to a surface."""
         own = self.binding
         if isinstance(own, SurfaceBinding) or isinstance(binding, SurfaceBinding):
             return False
@@ -231,19 +233,21 @@ class BoundSkins:
         self._bound: dict[tuple[str, str], BodySkin] = {}
 
     def keep(self, before: "BoundSkins", bodies: Iterable[BodyDescription]) -> None:
-        """Take over models and tables from the skins of an earlier description of a scene.
-
-        Nothing is taken over from another tolerance, and no bound skin of a body that was bound
-        otherwise. Both share the tables from then on.
+        """Use loaded models and computed tables of ``before``, the skins of an earlier description
+        of the scene, for the given ``bodies``. No effect with another tolerance; a body that has
+        another binding to bones, or follows a surface, keeps none of its skins. Tables are not
+        copied: both objects use, and fill, the same tables.
         """
         if before._tolerance != self._tolerance:
             return
         self._models, self._skins = before._models, before._skins
-        for body in bodies:
-            for (body_id, model_id), skin in before._bound.items():
-                if body_id == body.id and skin.is_moved_by(body.binding):
-                    if skin.skin is self._skin_of(model_id, body.binding):
-                        self._bound[body_id, model_id] = skin
+        bindings = {body.id: body.binding for body in bodies}
+        for (body_id, model_id), skin in before._bound.items():
+            binding = bindings.get(body_id)
+            if binding is None or not skin.is_moved_by(binding):
+                continue
+            if skin.skin is self._skin_of(model_id, binding):
+                self._bound[body_id, model_id] = skin
 
     def of(self, body: BodyDescription, model_id: str) -> BodySkin:
         """Skin of a model bound to a body, cached; by surface anchors, or fitted or canonical skin

@@ -307,6 +307,8 @@ class Live:
         )
         source = self._source(context.scene)
         source.open(context)
+        if self.client is None or source.generation == self.described:
+            return
         ids = source.body_ids(context.scene)
         for name, state in self.states.items():
             item = context.scene.hfx.devices.get(name)
@@ -314,8 +316,6 @@ class Live:
             wearer = None if item is None else item.body
             # A body that is left out has no id: copies of a body have its uid.
             state.body_id = "" if wearer is None else ids.get(wearer, wearer.name_full)
-        if self.client is None or source.generation == self.described:
-            return
         self.described, self.fault = source.generation, source.fault
         self._pause()  # models may have to be loaded
         if source.is_open:

@@ -362,8 +362,8 @@ def describe(
 
 
 def _predicates(faults: Mapping[bpy.types.Object, str]) -> dict[bpy.types.Object, str]:
-    """Predicates about excluded objects, from messages: without a leading "Effect 'name'", if a
-    space follows; otherwise "has a fault: ..." with the rest."""
+    """Text to show after the name of each excluded object, from its error message: without the
+    words "Effect 'NAME'" at the start, else after the words "has a fault: "."""
     predicates = {}
     for obj, why in faults.items():
         rest = re.sub(rf"^[Ee]ffect '{re.escape(obj.name)}'", "", why.removesuffix("."))

@@ -83,10 +83,10 @@ def reasons(
     asleep: Mapping[bpy.types.Object, str],
     equal: EqualSettings,
 ) -> tuple[dict[bpy.types.Object, Unfelt], tuple[str, ...]]:
-    """Reasons by effect why effects are not felt, and warnings about clips without samples;
-    felt effects are missing. A lost clip counts before the reason in ``asleep`` (dormant effects),
-    then missing strength. If frames of the scene are not exported, an effect that may be felt at
-    the scene's frames is expected to be silent."""
+    """Reason for each effect that is certainly not felt, and warnings about clips without samples.
+    A lost clip counts before the reason in ``asleep`` (dormant effects), then missing strength. If
+    frames of the scene are not exported, an effect that may be felt at the scene's frames is
+    expected to be silent."""
     frames = frames_read(scene, time)
     whole = replace(time, frame_first=scene.frame_start, frame_last=scene.frame_end)
     unfelt_effects: dict[bpy.types.Object, Unfelt] = {}
@@ -227,9 +227,9 @@ def asleep(
     states: Mapping[bpy.types.Object, Activation],
     equal: EqualSettings,
 ) -> dict[bpy.types.Object, str]:
-    """Dormant effects among those with an activation in ``states``, with reasons as in
-    :func:`why_dormant`, in order; :data:`NOT_SOLO` is followed by the names of solo effects.
-    ``equal`` are groups of the effects."""
+    """Find the dormant effects of a scene: the reason of :func:`why_dormant` for each, in the order
+    of ``states``, which holds the activation of each effect to test. :data:`NOT_SOLO` is followed
+    by the names of solo effects. Effects of a group in ``equal`` are tested once."""
     frames = frames_read(scene, time)
     dormant = equal.shared(lambda effect: why_dormant(effect, states[effect], frames))
     silent = {effect: why for effect in states if (why := dormant(effect)) is not None}

@@ -158,7 +158,8 @@ class FarVolumes:
         return swept_boxes(matrices, places.boxes, places.there)
 
     def meet(self, low: F64, high: F64, poses: Sequence[PoseBlock]) -> Bool:
-        """Mask (N,) of boxes, as of :meth:`around`, that meet a body's skin box over a block."""
+        """Test which of N boxes meet the skin of any body at any time of a block: mask (N,). The
+        boxes are the corners returned by :meth:`around`."""
         # Compare by "not apart" instead of "overlapping", so that a NaN box counts as near.
         is_near = np.zeros(len(low), np.bool_)
         for skin, pose in zip(self._skins, poses, strict=True):

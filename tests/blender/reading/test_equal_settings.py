@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Groups of volumes with equal stored settings: a value of a group holds for each member."""
+"""Values derived once for all volumes with equal stored settings are right for each volume."""
 
 from __future__ import annotations
 
@@ -114,8 +114,7 @@ def test_shared_work_is_done_once_for_a_group(ball: Any) -> None:
 
 
 def _crowd(ball: Any) -> None:
-    """Three of each: far, near, muted, without strength, without intensity, faulty, keyed, under a
-    parent; a filter; a mesh."""
+    """Add three copies of a volume with each of the changes below: far, muted, keyed ..."""
     scene = bpy.context.scene
     top = oracle.empty(scene, "Top")
     top.location.z = 0.5

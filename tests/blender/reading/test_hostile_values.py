@@ -366,7 +366,7 @@ def test_animation_that_nothing_follows_is_told(sound_scene: Any, tmp_path: Path
 
 
 def test_faults_of_objects_with_other_settings_alike(registered: Any) -> None:
-    """Faults depend on the value and type stored in each object."""
+    """Check each object of six by its own stored value, also next to equal ones."""
     from hfx_blender.blender.stored_values import bad_values
 
     hfx_scenes.small_scene(1)
