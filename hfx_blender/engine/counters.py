@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Final
 
 from .modality import MODALITIES, neutral_temperature_c
@@ -24,6 +24,8 @@ class Counters:
     vertices_posed: int = 0  # computed positions
     contacts: int = 0  # (vertex, effect, time) with a sample
     warnings: dict[str, int] = field(default_factory=dict)  # message -> number
+    # Effect name -> number of samples at which its volume is flattened, infinite or not a number.
+    flattened: dict[str, int] = field(default_factory=dict)
 
     def warn(self, message: str, count: int = 1) -> None:
         """Add ``count`` occurrences of a warning."""
@@ -38,12 +40,7 @@ class Counters:
     def copy(self) -> Counters:
         """Snapshot for :meth:`since` and :meth:`go_back`; lists and warnings are copied, so later
         changes leave the snapshot as it is."""
-        return replace(
-            self,
-            models_loaded=[*self.models_loaded],
-            bodies_reached=[*self.bodies_reached],
-            warnings={**self.warnings},
-        )
+        return Counters(**self.as_dict())
 
     def since(self, before: Counters) -> Counters:
         """Counters of the time since an earlier copy: differences of numbers, new list entries,
@@ -54,8 +51,11 @@ class Counters:
         # Lists and warnings only grow, so their new part is at the end, or a higher count.
         for name in ("models_loaded", "bodies_reached"):
             changes[name] = getattr(self, name)[len(getattr(before, name)) :]
-        counts = {text: n - before.warnings.get(text, 0) for text, n in self.warnings.items()}
-        return Counters(warnings={text: n for text, n in counts.items() if n}, **changes)
+        for name in ("warnings", "flattened"):
+            earlier = getattr(before, name)
+            counts = {key: n - earlier.get(key, 0) for key, n in getattr(self, name).items()}
+            changes[name] = {key: n for key, n in counts.items() if n}
+        return Counters(**changes)
 
     def reach(self, body_id: str) -> None:
         """Record that a body had a narrow phase, each id once."""
@@ -73,12 +73,14 @@ class Counters:
             self.reach(body_id)
         for text, count in more.warnings.items():
             self.warn(text, count)
+        for name, count in more.flattened.items():
+            self.flattened[name] = self.flattened.get(name, 0) + count
 
     def go_back(self, before: Counters) -> None:
         """Restore all counts from a snapshot of :meth:`copy`."""
         self.__dict__.update(vars(before.copy()))
 
-    def as_dict(self) -> dict[str, object]:
+    def as_dict(self) -> dict[str, Any]:
         """All counts by name as plain data, copied."""
         return asdict(self)
 

@@ -29,6 +29,7 @@ from ..engine.track import TrackHeader, TrackWriter
 from ..engine.track.layout import SAMPLES_PER_CHUNK
 from ..formats.clip.spatial_recorder import SpatialRecorder
 from ..formats.glb.glb_scene import VolumeRecorder
+from ..reading.description.missed_effects import flattened_warning
 from ..reading.scene_reader import BLOCK_SIZE, SceneReader
 from ..version import __version__
 
@@ -103,7 +104,14 @@ class Recorded:
     def warnings(self) -> tuple[str, ...]:
         """Warnings of reading and evaluation, each with the number of samples."""
         counts = self.engine["warnings"] | {text: len(k) for text, k in self.faults.items()}
-        return tuple(f"{text.rstrip('.')} ({count} times)" for text, count in counts.items())
+        texts = (f"{text.rstrip('.')} ({count} times)" for text, count in counts.items())
+        return (*flattened_warning(self.flattened), *texts)
+
+    @property
+    def flattened(self) -> dict[str, int]:
+        """Number of samples with a flattened volume, by effect name."""
+        counts: dict[str, int] = self.engine.get("flattened", {})  # not of earlier versions
+        return counts
 
 
 def why_in_one_go(reader: SceneReader) -> str | None:

@@ -120,6 +120,7 @@ def effect_facts(
     unfelt: Mapping[str, Unfelt],
     warnings: Sequence[str],
     *,
+    flattened: Collection[str] = (),
     is_part: bool = False,
     instances: Collection[str] = (),
     times: FeltTimes | None = None,
@@ -130,11 +131,12 @@ def effect_facts(
 
     The facts are the times at which any body feels the effect, or the reason of silence. ``unfelt``
     are reasons known before the recording, by effect name. Effects named in ``warnings`` of the
-    recording get no second warning. Silence is expected if frames of the scene were not recorded
-    (``is_part``; reasons that depend on time then name the exported frames), and for ``instances``
-    (ids) of which another is felt. ``times`` are samples at which effects are on with nonzero
-    strength, ``answering`` ids of volumes with a contact response, ``seen_on`` ids of volumes that
-    were on at samples far from all skin.
+    recording, or in ``flattened`` (names of volumes flattened at any sample), get no second
+    warning. Silence is expected if frames of the scene were not recorded (``is_part``; reasons that
+    depend on time then name the exported frames), and for ``instances`` (ids) of which another is
+    felt. ``times`` are samples at which effects are on with nonzero strength, ``answering`` ids of
+    volumes with a contact response, ``seen_on`` ids of volumes that were on at samples far from all
+    skin.
     """
     spans_of: dict[str, list[tuple[float, float]]] = {}
     powerless, forceful = set(), set()
@@ -172,10 +174,11 @@ def effect_facts(
                 if effect.id in forceful:
                     reason += ", and its contact force goes to scripts and files alone"
             else:
-                reason = _why_missed(effect, times, answering, seen_on, warnings)
+                reason = _why_missed(effect, times, answering, seen_on, flattened)
             if not failed_drivers and is_part and (effect.id in powerless or reason in _OF_TIME):
                 reason = f"{reason} in the exported frames"
-            is_warned = any(f"'{effect.name}'" in text for text in warnings)
+            is_warned = effect.name in flattened
+            is_warned |= any(f"'{effect.name}'" in text for text in warnings)
             known = Unfelt(reason, (is_part or is_one_of_many) and not is_warned, is_warned)
             if not (known.is_expected or known.is_warned):
                 missed.append((effect.name, known.reason))
@@ -206,10 +209,10 @@ def _why_missed(
     times: FeltTimes | None,
     answering: Collection[str],
     seen_on: Collection[str],
-    warnings: Sequence[str],
+    flattened: Collection[str],
 ) -> str:
     """Predicate why an effect has no samples: its values, never on, a response without output, no
-    sliding, or no contact. ``times``, ``answering`` and ``seen_on`` as of :func:`effect_facts`."""
+    sliding, or no contact. ``times`` and the collections as of :func:`effect_facts`."""
     if times is not None and effect.id not in times.is_on:
         if effect.id in times.no_number:
             quantity = times.no_number[effect.id]
@@ -223,9 +226,7 @@ def _why_missed(
         return _NO_ANSWER if has_response else _NO_SLIDING
     reason = _MISSED.get(effect.kind, NEVER_ON)
     # A volume flattened at any sample could not be evaluated there.
-    flat = f"effect '{effect.name}' {FLATTENED}:"
-    is_flat = any(text.startswith(flat) for text in warnings)
-    return FLATTENED if reason == NO_TOUCH and is_flat else reason
+    return FLATTENED if reason == NO_TOUCH and effect.name in flattened else reason
 
 
 def _felt_or_not(

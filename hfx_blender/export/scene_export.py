@@ -40,7 +40,6 @@ from ..formats.registry import FORMATS
 from ..formats.signals.signals import DEFAULT_TOLERANCE
 from ..formats.written import Written
 from ..processes.start import cores
-from ..reading.description.missed_effects import joined
 from ..reading.description.scene_settings import formats_without, scene_tolerance
 from ..reading.description.unfelt import is_partial
 from ..reading.scene_reader import BLOCK_SIZE, SceneReader
@@ -259,6 +258,7 @@ class SceneExport:
             whole,
             self._without_clip | self.reader.unfelt,
             recorded.warnings,
+            flattened=recorded.flattened,
             is_part=is_partial(self.reader.found.scene, self.reader.time),
             instances={effect.id for effect in self.reader.instances.descriptions},
             times=recorded.times,
@@ -297,7 +297,7 @@ class SceneExport:
             felt=felt_lines,
             effects=effects,
             unrendered=lost,
-            warnings=shortened(joined((*self._warnings, *new_warnings))),
+            warnings=shortened((*self._warnings, *new_warnings)),
             left_out=written.left_out,
             silent_devices=silent,
             engine={

@@ -93,7 +93,7 @@ class AllocentricAreas:
             with_details=bool(self._builder.record & {"depth", "surface"} or volume.law),
             with_impact="impact" in self._builder.record,
             threads=self._threads,
-            title=f"effect '{effect.name}'",
+            name=effect.name,
         )
         # Positions counted by either half show whether the narrow phase ran.
         counters = self._builder.counters
@@ -155,7 +155,7 @@ class AllocentricAreas:
         query = ContactQuery(
             *(moments.effect, falloff, moments.skin, moments.pose, moments.bounds, Counters()),
             *(moments.rows, follows, np.ones(len(follows), np.bool_)),
-            title=f"effect '{effect.name}'",
+            name=effect.name,
         )
         hits = contacts.begin(query)()
         self._builder.counters.vertices_posed += query.counters.vertices_posed

@@ -40,7 +40,7 @@ class ContactQuery:
     with_details: bool = False  # record places of contacts
     with_impact: bool = False  # record beginnings of contacts, however slow
     threads: Executor | None = None  # for the narrow phase, parallel to the caller
-    title: str = "a volume"  # in warnings
+    name: str = ""  # of the effect, for warnings
 
     @property
     def asks_details(self) -> bool:

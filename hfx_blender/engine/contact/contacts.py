@@ -20,7 +20,7 @@ from ..reference.contact import Body, Contact, Volume, contact
 from ..reference.pose import moved, world_points
 from ..volume.shape import inverse_placement, world_bounds
 from . import compiled_contacts
-from .contact_query import FLATTENED, ContactQuery, Contacts, DetailArrays
+from .contact_query import ContactQuery, Contacts, DetailArrays
 
 _BULGE: Final = 0.1
 """Bound of the distance of skin from its triangle, as a share of the diagonal of the triangle's
@@ -86,10 +86,8 @@ def _usable(query: ContactQuery, usable: Bool) -> ContactQuery:
     an unusable row do not follow. The query itself if all are usable."""
     if usable.all():
         return query
-    query.counters.warn(
-        f"{query.title} {FLATTENED}: it is not felt",
-        int(np.count_nonzero(~usable & query.reported)),
-    )
+    lost, flattened = int(np.count_nonzero(~usable & query.reported)), query.counters.flattened
+    flattened[query.name] = flattened.get(query.name, 0) + lost
     follows = query.follows.copy()
     # A contact in between needs a placement at both ends of the interval.
     follows[1:] &= usable[:-1]

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Warnings about effects that are not felt; imported before Blender starts."""
 
-import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
+from ...engine.contact.contact_query import FLATTENED
 from ...text import MOST_NAMES, named
 
 NO_TOUCH: Final = "touches no body"
@@ -24,17 +24,13 @@ def missed_warnings(missed: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     )
 
 
-def joined(warnings: Iterable[str]) -> tuple[str, ...]:
-    """Join warnings "effect 'NAME' ... (N times)" with equal words between into one with counts;
-    other warnings stay. In the order of the first of each."""
-    groups: dict[str, list[tuple[str, str, int]]] = {}  # warning, name and count by words
-    for text in warnings:
-        found = re.fullmatch(r"effect '(.+?)' (.+) \((\d+) times\)", text)
-        name, words, count = found.groups() if found else ("", text, 0)
-        groups.setdefault(words, []).append((text, name, int(count)))
-    texts = []
-    for words, group in groups.items():
-        names, times = [name for _, name, _ in group], sum(count for _, _, count in group)
-        many = f"each of {len(group)} effects {words} ({times} times): {named(names, MOST_NAMES)}"
-        texts.append(group[0][0] if len(group) == 1 else many)
-    return tuple(texts)
+def flattened_warning(counts: Mapping[str, int]) -> tuple[str, ...]:
+    """Warning about volumes flattened at samples, from numbers of samples by effect name; empty for
+    none."""
+    names = [*counts]
+    if not names:
+        return ()
+    end = f"{FLATTENED}: it is not felt ({sum(counts.values())} times)"
+    if len(names) == 1:
+        return (f"effect '{names[0]}' {end}",)
+    return (f"each of {len(names)} effects {end}: {named(names, MOST_NAMES)}",)

@@ -16,8 +16,9 @@ from hfx_blender import cli
 from hfx_blender.authoring import clips
 from hfx_blender.authoring.effects import effects
 from hfx_blender.blender import compat
+from hfx_blender.engine.counters import Counters
 from hfx_blender.export.report import ExportReport, describe, felt_lines, unfelt_lines
-from hfx_blender.reading.description.missed_effects import joined
+from hfx_blender.reading.description.missed_effects import flattened_warning
 from hfx_blender.text import MOST_LINES
 
 bpy = pytest.importorskip("bpy")
@@ -561,13 +562,17 @@ def test_flattened_volumes_have_one_warning_with_their_number(touch: Any, told: 
         assert _line(report, name)["reason"].startswith("is flattened")
 
 
-def test_equal_warnings_about_effects_are_joined() -> None:
-    words = "is flattened, infinite or not a number: it is not felt"
-    other = "effect 'It's' has a strength that is no number (2 times)"
-    plain = "body 'Anna' is far away"
-    warnings = [f"effect 'A' {words} (3 times)", plain, other, f"effect 'B' {words} (4 times)"]
-    assert joined(warnings) == (f"each of 2 effects {words} (7 times): A, B", plain, other)
-    assert joined(warnings[:3]) == tuple(warnings[:3])
+def test_flattened_volumes_are_counted_together() -> None:
+    """3 samples of one volume and 4 of another, in parts of a recording, are 7."""
+    engine, parts = Counters(), (Counters(flattened={"It's": 1}), Counters(flattened={"B": 4}))
+    engine.flattened["It's"] = 2
+    before = engine.copy()
+    for part in parts:
+        engine.add(part)
+    assert engine.since(before).flattened == {"It's": 1, "B": 4}
+    words = "is flattened, infinite or not a number: it is not felt (7 times)"
+    assert flattened_warning(engine.flattened) == (f"each of 2 effects {words}: It's, B",)
+    assert flattened_warning({}) == ()
 
 
 def test_an_effect_without_an_area_is_named_once(

@@ -89,4 +89,4 @@ def test_resting_samples_change_no_bit_and_no_count(
     assert shared == alone and counts["contacts"] > 0
     assert 0 < counts.pop("vertices_posed") < every.pop("vertices_posed")
     assert counts == every
-    assert sum(counts["warnings"].values()) == 8
+    assert sum(counts["flattened"].values()) == 8

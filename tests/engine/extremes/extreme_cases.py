@@ -137,7 +137,7 @@ def feel(
             assert np.isfinite(sample.weights).all() and np.isfinite(sample.parameters).all()
             assert 0.0 < sample.level <= 1.0
             weights[int(run.stream.effect_id[1:]), index, sample.vertices] = sample.weights
-    return Felt(weights, engine.counters.warnings, runs, engine)
+    return Felt(weights, engine.counters.warnings | engine.counters.flattened, runs, engine)
 
 
 # Exact answers

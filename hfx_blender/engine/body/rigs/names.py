@@ -12,22 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from .vocabulary import (
-    CARRIERS,
-    CENTRE,
-    CENTRE_MARKS,
-    CONTEXT,
-    FILLERS,
-    HALVES,
-    KNOWN,
-    LETTERS,
-    SIDED,
-    SIDES,
-    VERTEBRAE,
-    Words,
-    in_english,
-    parted,
-)
+from . import vocabulary
 
 _TOKEN: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _CASELESS_TOKEN: Final = re.compile(r"[a-z]+|\d+")
@@ -55,7 +40,7 @@ def plain(name: str) -> str:
     """Name without namespace, bracketed part and known rig prefix; MikuMikuDance names in
     English."""
     unbracketed = re.sub(r"\s*\[[^\]]*\]", "", name) or name  # "NPC L Thigh [LThg]"
-    local = in_english(re.split(r"[:|]", unbracketed.rstrip(":| "))[-1].strip())
+    local = vocabulary.in_english(re.split(r"[:|]", unbracketed.rstrip(":| "))[-1].strip())
     return local[match.end() :] if (match := _KNOWN_PREFIX.match(local)) else local
 
 
@@ -95,16 +80,16 @@ def _without_shared_words(tokens: Mapping[str, Sequence[str]]) -> dict[str, list
     parts = {}
     for name, words in tokens.items():
         # "larm" is lower arm and "uarm" upper arm if the name has a separate side.
-        halves = HALVES if SIDES.keys() & set(words) else {}
-        parts[name] = [w for token in words for w in halves.get(token) or parted(token)]
+        halves = vocabulary.HALVES if vocabulary.SIDES.keys() & set(words) else {}
+        parts[name] = [w for token in words for w in halves.get(token) or vocabulary.parted(token)]
     least_count = max(4.0, _SHARED * len(parts))
     counts = Counter(word for words in parts.values() for word in set(words))
     shared = {word for word, count in counts.items() if count >= least_count}
-    marks = {word for word in shared - KNOWN if not word.isdigit()}
+    marks = {word for word in shared - vocabulary.KNOWN if not word.isdigit()}
     remaining, first = {}, {}
     for name, words in parts.items():
         start = 0
-        while start < len(words) and words[start] in marks | FILLERS:
+        while start < len(words) and words[start] in marks | vocabulary.FILLERS:
             start += 1
         # A number after marks and fillers may count characters.
         remaining[name] = [word for word in words if word not in marks]
@@ -138,35 +123,45 @@ def _without_counting(parts: dict[str, list[str]]) -> dict[str, list[str]]:
 def _parse_words(parts: list[str]) -> BoneName | None:
     """Parsed bone name from lower-case words and numbers; None if a word is unknown or no joint is
     named."""
-    if len(parts) == 2 and parts[0] in VERTEBRAE and parts[1].isdigit():  # "L5", "vt10"
-        return BoneName(VERTEBRAE[parts[0]], "", ())
-    sides = "".join(dict.fromkeys(SIDES[word] for word in reversed(parts) if word in SIDES))[::-1]
+    if len(parts) == 2 and parts[0] in vocabulary.VERTEBRAE and parts[1].isdigit():  # "L5", "vt10"
+        return BoneName(vocabulary.VERTEBRAE[parts[0]], "", ())
+    sides = "".join(
+        dict.fromkeys(
+            vocabulary.SIDES[word] for word in reversed(parts) if word in vocabulary.SIDES
+        )
+    )[::-1]
     numbers = tuple(word for word in parts if word.isdigit())
     # "c_index1.l" (control) and "shoulderP_L" (helper) rank after "index1.l" and "shoulder_L".
     is_second = parts[:1] == ["c"] and len(parts) > 1
-    is_second |= bool(sides and LETTERS & set(parts[1:]))
+    is_second |= bool(sides and vocabulary.LETTERS & set(parts[1:]))
     # Bones that carry the skin come first, helpers last.
-    rank = -1 if CARRIERS & set(parts) else int(is_second)
+    rank = -1 if vocabulary.CARRIERS & set(parts) else int(is_second)
     words = frozenset(
         word
         for word in parts
-        if not word.isdigit() and word not in SIDES and word not in CENTRE_MARKS
+        if not word.isdigit()
+        and word not in vocabulary.SIDES
+        and word not in vocabulary.CENTRE_MARKS
     )
     slot = _slot(words, sides)
     return None if slot is None else BoneName(slot, sides, numbers, rank)
 
 
-def _slot(words: Words, side: str) -> str | None:
+def _slot(words: vocabulary.Words, side: str) -> str | None:
     """Slot of a set of words with ``side`` ("" for the centre): all words, then without fillers and
     letters, then without one word of the body part; None if unknown."""
-    for known in (words, words - FILLERS, words - FILLERS - LETTERS):
-        if not side and known in CENTRE:
-            return CENTRE[known]
-        if known in SIDED:
-            return SIDED[known]
+    for known in (
+        words,
+        words - vocabulary.FILLERS,
+        words - vocabulary.FILLERS - vocabulary.LETTERS,
+    ):
+        if not side and known in vocabulary.CENTRE:
+            return vocabulary.CENTRE[known]
+        if known in vocabulary.SIDED:
+            return vocabulary.SIDED[known]
     # "arm hand" is a hand: the part of the body is dropped if it fits the remaining words.
-    for part in CONTEXT.keys() & words:
-        slot = _slot(words - {part} - FILLERS, side)
-        if slot is not None and slot.split()[0] in CONTEXT[part]:
+    for part in vocabulary.CONTEXT.keys() & words:
+        slot = _slot(words - {part} - vocabulary.FILLERS, side)
+        if slot is not None and slot.split()[0] in vocabulary.CONTEXT[part]:
             return slot
     return None
