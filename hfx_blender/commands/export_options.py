@@ -209,7 +209,7 @@ def _refuse_same_names(stems: Sequence[str]) -> None:
 
 def _refuse_result(options: argparse.Namespace) -> None:
     """Raise UsageError for a ``--report`` with the name of a possible result of a scene."""
-    from ..export.report import REPORT_SUFFIX
+    from ..files.kinds import REPORT_SUFFIX
 
     folder = Path(os.path.realpath(options.output))
     report = Path(os.path.realpath(options.report.parent)) / options.report.name

@@ -19,11 +19,11 @@ from ..engine.track import StreamSummary, TrackEffect, TrackHeader, TrackReader
 from ..files import limits
 from ..files.atomic import stored_json
 from ..files.hashes import sha256_of
+from ..files.kinds import REPORT_SUFFIX
 from ..reading.description.missed_effects import NEVER_ON, NO_TOUCH, missed_warnings
 from ..text import MOST_LINES, MOST_NAMES, counted, named, printable, shortened
 from .result_files import listed
 
-REPORT_SUFFIX = ".report.json"
 _FILES = 12
 """Largest number of files that are listed line by line."""
 

@@ -32,6 +32,7 @@ from ..engine.track.excerpt import merge
 from ..engine.track.track_reader import Content
 from ..errors import InputError
 from ..files.atomic import atomic_file, inputs_kept
+from ..files.kinds import REPORT_SUFFIX
 from ..files.staging import place, staging
 from ..formats import writing
 from ..formats.clip import DETAIL
@@ -310,7 +311,7 @@ class SceneExport:
             made_from=made_from,
         )
         # Everything is complete in the staging folder; moving files is the only step that is left.
-        report_file = stem.with_name(stem.name + report.REPORT_SUFFIX)
+        report_file = stem.with_name(stem.name + REPORT_SUFFIX)
         with atomic_file(report_file) as file:
             file.write(report.encoded_report(result.as_dict(), report_file.name))
         # The report comes last: its presence implies the presence of all of its files.

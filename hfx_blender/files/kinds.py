@@ -12,6 +12,14 @@ from ..errors import InputError, refuse_no_file
 
 EFFECT_SUFFIX: Final = ".hfxeffect"
 PATH_SUFFIX: Final = ".hfxpath"
+REPORT_SUFFIX: Final = ".report.json"
+OWN_KINDS: Final = {
+    REPORT_SUFFIX: "report of an export",
+    EFFECT_SUFFIX: "effects",
+    PATH_SUFFIX: "path on the skin",
+}
+"""Titles of files that are no format of an export or conversion, by suffix."""
+
 TEXTURE_MAP_SUFFIX: Final = ".texture.json"
 GENERATED_SUFFIX: Final = ".generated.json"
 STROKE_SUFFIXES: Final = (".wav", ".ahap", ".he", ".haptic", ".csv")

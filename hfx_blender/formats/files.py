@@ -13,7 +13,7 @@ from typing import Final
 from ..errors import InputError
 from ..files import limits
 from ..files.findings import Finding
-from ..files.kinds import title_of
+from ..files.kinds import OWN_KINDS, title_of
 from ..files.strict_json import mapped, mapped_data, read_bytes, read_data
 from .registry import FORMATS, FormatInfo
 from .signals.signals import FrequencyRange, Signal
@@ -38,10 +38,8 @@ def format_of(path: Path) -> FormatInfo:
         for info in checked:
             if info.marks and all(mark in head for mark in info.marks):
                 return info
-    known = ", ".join(
-        info.read_suffix or info.suffix
-        for info in [*checked, *(entry for entry in FORMATS.values() if entry.read)]
-    )
+    entries = [*checked, *(entry for entry in FORMATS.values() if entry.read)]
+    known = ", ".join([*(info.read_suffix or info.suffix for info in entries), *OWN_KINDS])
     raise InputError(f"{path}: is {title_of(path)}, which is no known format; known are {known}.")
 
 

@@ -30,7 +30,6 @@ from hfx_blender.text import printable
 
 from .size_option import add_largest
 
-_REPORT_SUFFIX: Final = ".report.json"
 _LISTS: Final = ("felt", "effects", "unrendered", "warnings", "notes")
 _FILE: Final = Record(
     {"name": PRINTABLE, "bytes": Number(0, 1 << 50, is_whole=True)},
@@ -72,8 +71,8 @@ def run(options: argparse.Namespace, console: Console) -> int:
         readers[suffix] = facts_of
     if suffix not in readers:
         raise InputError(
-            f"{path}: '{path.suffix}' is not a known suffix; known are {', '.join(readers)} and "
-            "the formats of hfx export."
+            f"{path}: '{path.suffix}' is not a known suffix; known are "
+            f"{', '.join([*readers, *kinds.OWN_KINDS])} and the formats of hfx export."
         )
     with console.reading(path):
         facts = readers[suffix](path)
@@ -253,7 +252,11 @@ class OwnFile:
 def kind_of(path: Path) -> OwnFile | None:
     """Kind of a file by name; None for unknown names."""
     name = path.name.lower()
-    return next((kind for suffix, kind in _KINDS.items() if name.endswith(suffix)), None)
+    for suffix, title in kinds.OWN_KINDS.items():
+        if name.endswith(suffix):
+            id, facts = _READERS[suffix]
+            return OwnFile(id, title, facts)
+    return None
 
 
 def _effect(path: Path) -> dict[str, Any]:
@@ -323,10 +326,10 @@ def facts_of_report(path: Path) -> dict[str, Any]:
     }
 
 
-_KINDS = {
-    _REPORT_SUFFIX: OwnFile("report", "report of an export", facts_of_report),
-    kinds.EFFECT_SUFFIX: OwnFile("effect", "effects", _effect),
-    kinds.PATH_SUFFIX: OwnFile("path", "path on the skin", _path),
+_READERS: Final = {
+    kinds.REPORT_SUFFIX: ("report", facts_of_report),
+    kinds.EFFECT_SUFFIX: ("effect", _effect),
+    kinds.PATH_SUFFIX: ("path", _path),
 }
 
 

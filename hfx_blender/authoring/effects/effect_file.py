@@ -34,14 +34,7 @@ from ...files.json_shapes import (
 from ...files.kinds import refuse_another
 from ..paths import path_file
 from ..paths.path_file import PathRecipe
-from .response_recipes import (
-    RESPONSE,
-    SWARM,
-    FilterRecipe,
-    SwarmRecipe,
-    refuse_reversed_births,
-    response_document,
-)
+from . import response_recipes
 
 SUFFIX: Final = kinds.EFFECT_SUFFIX
 SCHEMA: Final = "hfx-effects"
@@ -111,8 +104,10 @@ class VolumeRecipe:
     location_m: Number3 = (0.0, 0.0, 0.0)
     rotation_deg: Number3 = (0.0, 0.0, 0.0)
     path: tuple[tuple[float, Number3], ...] = ()  # (seconds, position)
-    response: tuple[FilterRecipe, ...] = ()  # contact response
-    swarm: SwarmRecipe | None = None  # emitted as particles; None for a single volume
+    response: tuple[response_recipes.FilterRecipe, ...] = ()  # contact response
+    swarm: response_recipes.SwarmRecipe | None = (
+        None  # emitted as particles; None for a single volume
+    )
 
 
 @dataclass(frozen=True)
@@ -193,7 +188,7 @@ _VOLUME: Final = tagged(
             {name: _DIMENSIONS[name] for name in dimensions},
             {
                 **_FALLOFF,
-                "response": RESPONSE,
+                "response": response_recipes.RESPONSE,
                 "location_m": _LOCATION,
                 "rotation_deg": numbers(3, -360.0, 360.0, "degrees"),
                 "path": Items(
@@ -204,7 +199,7 @@ _VOLUME: Final = tagged(
                     1,
                     100_000,
                 ),
-                "swarm": SWARM,
+                "swarm": response_recipes.SWARM,
                 "law": _LAW,
             },
             into=VolumeRecipe,
@@ -339,7 +334,7 @@ def _check_consistency(effect: Node) -> None:
         if len(effect["area"]["weights"].value) != count:
             effect["area"]["weights"].fail(f"{count} items")
     if "volume" in effect and "swarm" in effect["volume"]:
-        refuse_reversed_births(effect["volume"]["swarm"])
+        response_recipes.refuse_reversed_births(effect["volume"]["swarm"])
     for clip in effect["clips"].items() if "clips" in effect else ():
         for key in ("fade_in_s", "fade_out_s"):
             if key in clip:
@@ -395,7 +390,7 @@ def _effect_document(effect: EffectRecipe) -> dict[str, Any]:
         if where.law is not None:
             document["volume"]["law"] = asdict(where.law)
         if where.response:
-            document["volume"]["response"] = response_document(where.response)
+            document["volume"]["response"] = response_recipes.response_document(where.response)
         if where.swarm is not None:
             document["volume"]["swarm"] = asdict(where.swarm)
         if where.path:

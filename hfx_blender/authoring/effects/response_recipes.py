@@ -9,18 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ...engine.response_filters.controls import CONTROLS, About, FilterKind, Operation
-from ...files.json_shapes import (
-    Flag,
-    Items,
-    Node,
-    Number,
-    Record,
-    Text,
-    curve,
-    numbers,
-    strict,
-    tagged,
-)
+from ...files import json_shapes
 
 MOST_FILTERS: Final = 32
 MOST_PARTICLES: Final = 4096
@@ -61,24 +50,24 @@ class SwarmRecipe:
 
 
 _NUMBERS: Final = {
-    "born_from_s": Number(-86_400.0, 86_400.0, "s"),
-    "born_until_s": Number(-86_400.0, 86_400.0, "s"),
-    "lifetime_s": Number(0.001, 86_400.0, "s"),
-    "normal_speed_m_s": Number(-1000.0, 1000.0, "m/s"),
-    "random_speed_m_s": Number(0.0, 1000.0, "m/s"),
-    "brownian": Number(0.0, 200.0),
-    "drag": Number(0.0, 1.0),
-    "damping": Number(0.0, 1.0),
-    "gravity": Number(-200.0, 200.0),
+    "born_from_s": json_shapes.Number(-86_400.0, 86_400.0, "s"),
+    "born_until_s": json_shapes.Number(-86_400.0, 86_400.0, "s"),
+    "lifetime_s": json_shapes.Number(0.001, 86_400.0, "s"),
+    "normal_speed_m_s": json_shapes.Number(-1000.0, 1000.0, "m/s"),
+    "random_speed_m_s": json_shapes.Number(0.0, 1000.0, "m/s"),
+    "brownian": json_shapes.Number(0.0, 200.0),
+    "drag": json_shapes.Number(0.0, 1.0),
+    "damping": json_shapes.Number(0.0, 1.0),
+    "gravity": json_shapes.Number(-200.0, 200.0),
 }
 
 
-SWARM: Final = strict(
-    {"count": Number(1, MOST_PARTICLES, is_whole=True)},
+SWARM: Final = json_shapes.strict(
+    {"count": json_shapes.Number(1, MOST_PARTICLES, is_whole=True)},
     {
-        "seed": Number(-(2**31), 2**31 - 1, is_whole=True),
-        "location_m": numbers(3, -1000.0, 1000.0, "m"),
-        "radii_m": numbers(3, 0.0, 1000.0, "m"),
+        "seed": json_shapes.Number(-(2**31), 2**31 - 1, is_whole=True),
+        "location_m": json_shapes.numbers(3, -1000.0, 1000.0, "m"),
+        "radii_m": json_shapes.numbers(3, 0.0, 1000.0, "m"),
         **_NUMBERS,
     },
     into=SwarmRecipe,
@@ -99,30 +88,36 @@ def _filter(
     return FilterRecipe(kind, controls, is_muted=muted, keys=keys, **more)
 
 
-def _filter_shape(kind: FilterKind) -> Record:
+def _filter_shape(kind: FilterKind) -> json_shapes.Record:
     controls = CONTROLS[kind]
     references = references_of(kind)
     # Keys may precede time 0 of the file.
     keys = {
-        control.name: curve(earliest_s=-86_400.0, lowest=control.minimum, highest=control.maximum)
+        control.name: json_shapes.curve(
+            earliest_s=-86_400.0, lowest=control.minimum, highest=control.maximum
+        )
         for control in controls
     }
-    return strict(
+    return json_shapes.strict(
         {
-            "controls": strict({c.name: Number(c.minimum, c.maximum, c.unit) for c in controls}),
-            **({"about": Text(references)} if references else {}),
+            "controls": json_shapes.strict(
+                {c.name: json_shapes.Number(c.minimum, c.maximum, c.unit) for c in controls}
+            ),
+            **({"about": json_shapes.Text(references)} if references else {}),
         },
         {
-            "operation": Text(tuple(operation.value for operation in Operation)),
-            "muted": Flag(),
-            "keys": strict({}, keys),
+            "operation": json_shapes.Text(tuple(operation.value for operation in Operation)),
+            "muted": json_shapes.Flag(),
+            "keys": json_shapes.strict({}, keys),
         },
         into=_filter,
     )
 
 
-RESPONSE: Final = Items(
-    tagged("kind", {kind.value: _filter_shape(kind) for kind in FilterKind}), 0, MOST_FILTERS
+RESPONSE: Final = json_shapes.Items(
+    json_shapes.tagged("kind", {kind.value: _filter_shape(kind) for kind in FilterKind}),
+    0,
+    MOST_FILTERS,
 )
 
 
@@ -143,7 +138,7 @@ def response_document(response: tuple[FilterRecipe, ...]) -> list[dict[str, Any]
     return documents
 
 
-def refuse_reversed_births(node: Node) -> None:
+def refuse_reversed_births(node: json_shapes.Node) -> None:
     """Raise InputError if ``born_until_s`` of a swarm (default 1) is before ``born_from_s``."""
     # JSON shapes check members one by one; this rule compares two, of which one has a default.
     recipe: SwarmRecipe = node.read(SWARM)

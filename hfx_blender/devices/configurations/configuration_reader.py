@@ -13,34 +13,8 @@ import numpy as np
 from ...engine.arrays import F64
 from ...engine.body.parts import PARTS
 from ...engine.modality import MODALITIES, Modality, Parameter
+from ...engine.rendering import device_config
 from ...engine.rendering.conditioning.waveform import DriveCurve
-from ...engine.rendering.device_config import (
-    Actuator,
-    ActuatorControl,
-    ActuatorType,
-    BhapticsEncoder,
-    BodyPlace,
-    Brand,
-    ButtplugEncoder,
-    BytesEncoder,
-    DeviceConfig,
-    Encoder,
-    Mount,
-    OscEncoder,
-    OutputConfig,
-    Place,
-    RoomPlace,
-    Scheme,
-    SerialTransport,
-    Substitution,
-    TextEncoder,
-    UdpTransport,
-    VertexPlace,
-    VertexSet,
-    VrcHapticsEncoder,
-    WebsocketTransport,
-    WireEncoder,
-)
 from ...engine.rendering.mounts import place_on
 from ...errors import InputError
 from ...files.json_shapes import Node, Number
@@ -51,7 +25,7 @@ MAX_CHANNELS: Final = {"hfx-wire": 32, "vrc-haptics": 128}
 _PORTS: Final = {"osc": 9000, "vrc-haptics": 1027, "buttplug": 12345, "bhaptics": 15881}
 
 
-def device_from(document: Node) -> DeviceConfig:
+def device_from(document: Node) -> device_config.DeviceConfig:
     """Convert a JSON document to a device; without scripts. A device for one side gets the side as
     suffix of id and name.
 
@@ -66,11 +40,11 @@ def device_from(document: Node) -> DeviceConfig:
     actuators = _actuators(top["actuators"], types, mount)
     if mount is not None:
         _refuse_overlap(top["mount"], mount, top["actuators"])
-    scheme, substitutions = Scheme(), {}
+    scheme, substitutions = device_config.Scheme(), {}
     if "rendering" in top:
         options = dict(top["rendering"].get("options", {}))
         options = {k: v if isinstance(v, str) else float(v) for k, v in options.items()}
-        scheme = Scheme(top["rendering"].get("scheme"), **options)
+        scheme = device_config.Scheme(top["rendering"].get("scheme"), **options)
     if "substitutions" in top:
         for source, node in top["substitutions"].members().items():
             substitutions[source] = _substitution(source, node, [a.type for a in actuators])
@@ -79,11 +53,13 @@ def device_from(document: Node) -> DeviceConfig:
         node = top["brand"]
         pairs = ((ids["vendor_id"], ids["product_id"]) for ids in node.get("usb", ()))
         usb = tuple((int(vendor, 16), int(product, 16)) for vendor, product in pairs)
-        brand = Brand(node.get("vendor"), node.get("model", ""), usb, node.get("serial", ""))
+        brand = device_config.Brand(
+            node.get("vendor"), node.get("model", ""), usb, node.get("serial", "")
+        )
     side = top.get("side")
     size = top["size_m"] if "size_m" in top else None
     device_id, name = top.get("id"), top.get("name")
-    return DeviceConfig(
+    return device_config.DeviceConfig(
         id=device_id if side is None else f"{device_id}_{side}",
         name=name if side is None else f"{name} ({side})",
         description=top.get("description", ""),
@@ -102,8 +78,8 @@ def device_from(document: Node) -> DeviceConfig:
 
 
 def _actuators(
-    node: Node, types: dict[str, ActuatorType], mount: Mount | None
-) -> tuple[Actuator, ...]:
+    node: Node, types: dict[str, device_config.ActuatorType], mount: device_config.Mount | None
+) -> tuple[device_config.Actuator, ...]:
     """Read the actuators, in order; ``types`` are the actuator types by name. InputError for an
     unknown type, an invalid place, or the id of an earlier actuator."""
     actuators = []
@@ -111,7 +87,7 @@ def _actuators(
         kind = types.get(item.get("type"))
         if kind is None:
             item["type"].fail("one of " + ", ".join(types))
-        actuators.append(Actuator(item.get("id"), kind, _place(item["place"], mount)))
+        actuators.append(device_config.Actuator(item.get("id"), kind, _place(item["place"], mount)))
     known: set[str] = set()
     for item in node.items():
         own_id = item["id"]
@@ -124,10 +100,10 @@ def _actuators(
     return tuple(actuators)
 
 
-def _actuator_type(name: str, node: Node) -> ActuatorType:
+def _actuator_type(name: str, node: Node) -> device_config.ActuatorType:
     modality = MODALITIES[node.get("modality")]
     drive = _drive(node["drive"]) if "drive" in node else ()
-    return ActuatorType(
+    return device_config.ActuatorType(
         name=name,
         modality=modality.name,
         controls=(
@@ -165,7 +141,7 @@ def _drive(node: Node) -> tuple[DriveCurve, ...]:
     return tuple(curves)
 
 
-def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorControl:
+def _control(modality: Modality, known: Parameter, kind: Node) -> device_config.ActuatorControl:
     """Control of an actuator type for a parameter: range, limits and neutral value. Limits lie
     within the range, and below the modality's maximum for devices. The default of the neutral value
     is that of the modality, clipped to the limits. InputError for values outside, or for a list
@@ -196,7 +172,7 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorContro
         node["neutral"].hold(Number(lowest, highest, known.unit))
         neutral = node.number("neutral")
     if "values" not in node:
-        return ActuatorControl(known.name, minimum, maximum, lowest, highest, neutral)
+        return device_config.ActuatorControl(known.name, minimum, maximum, lowest, highest, neutral)
     values = _allowed_values(node["values"], kind, Number(minimum, maximum, known.unit))
     values = tuple(value for value in values if lowest <= value <= highest)
     if not values:
@@ -206,10 +182,12 @@ def _control(modality: Modality, known: Parameter, kind: Node) -> ActuatorContro
         neutral = max((value for value in values if value <= neutral), default=values[0])
     if neutral not in values:
         node["values"].fail(f"a list with {neutral:g}, the neutral value")
-    return ActuatorControl(known.name, minimum, maximum, lowest, highest, neutral, values)
+    return device_config.ActuatorControl(
+        known.name, minimum, maximum, lowest, highest, neutral, values
+    )
 
 
-def _custom_controls(kind: Node, modality: Modality) -> Iterator[ActuatorControl]:
+def _custom_controls(kind: Node, modality: Modality) -> Iterator[device_config.ActuatorControl]:
     """Yield the custom controls of an actuator type. The neutral value is by default 0, clipped to
     the range, or the first choice. InputError for the name of a parameter, or for a value out of
     the range."""
@@ -221,14 +199,16 @@ def _custom_controls(kind: Node, modality: Modality) -> Iterator[ActuatorControl
             choices = tuple(node.get("choices"))
             last = float(len(choices) - 1)
             values = tuple(map(float, range(len(choices))))
-            yield ActuatorControl(name, 0.0, last, 0.0, last, 0.0, values, "choice", choices)
+            yield device_config.ActuatorControl(
+                name, 0.0, last, 0.0, last, 0.0, values, "choice", choices
+            )
             continue
         lowest, highest = node.number("minimum"), node.number("maximum")
         node["maximum"].hold(Number(lowest, 1e6, node.get("unit")))
         if "neutral" in node:
             node["neutral"].hold(Number(lowest, highest, node.get("unit")))
         neutral = node.number("neutral", min(max(0.0, lowest), highest))
-        yield ActuatorControl(
+        yield device_config.ActuatorControl(
             name, lowest, highest, lowest, highest, neutral, unit=node.get("unit")
         )
 
@@ -243,7 +223,9 @@ def _allowed_values(node: Node, kind: Node, in_range: Number) -> tuple[float, ..
     return tuple(float(value) for value in node.value)
 
 
-def _substitution(source: str, node: Node, types: list[ActuatorType]) -> Substitution:
+def _substitution(
+    source: str, node: Node, types: list[device_config.ActuatorType]
+) -> device_config.Substitution:
     """Read how a device with actuators of ``types`` plays the modality ``source``: target, scale
     and, for vibration, frequency, by default the first resonance of the vibration actuators, else
     the neutral frequency of the first. InputError if no actuator has the target modality."""
@@ -257,10 +239,10 @@ def _substitution(source: str, node: Node, types: list[ActuatorType]) -> Substit
         resonances = (kind.resonance_hz for kind in vibrating if kind.resonance_hz is not None)
         default_hz = next(resonances, vibrating[0].controls[1].neutral)
         frequency_hz = node.number("frequency_hz", default_hz)
-    return Substitution(source, target, node["scale"].number("value"), frequency_hz)
+    return device_config.Substitution(source, target, node["scale"].number("value"), frequency_hz)
 
 
-def _mount(node: Node) -> Mount:
+def _mount(node: Node) -> device_config.Mount:
     """Read the mount of a layout: origin and bend radius, metres, None for a flat layout; the y
     axis is made orthogonal to x, and both of unit length. InputError for near-parallel or zero
     axes."""
@@ -272,7 +254,9 @@ def _mount(node: Node) -> Mount:
         node["y_axis"].fail("a direction across the x_axis")
     y /= np.linalg.norm(y)
     bend_m = node.number("bend_radius_mm") / 1000.0 if "bend_radius_mm" in node else None
-    return Mount(_triple(node, "origin_m"), (x[0], x[1], x[2]), (y[0], y[1], y[2]), bend_m)
+    return device_config.Mount(
+        _triple(node, "origin_m"), (x[0], x[1], x[2]), (y[0], y[1], y[2]), bend_m
+    )
 
 
 def _direction(node: Node) -> F64:
@@ -288,7 +272,7 @@ def _triple(node: Node, key: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
+def _refuse_overlap(node: Node, mount: device_config.Mount, actuators: Node) -> None:
     """Raise InputError for a bent mount whose circumference is less than the extent of all pads
     along x; a flat mount passes."""
     if mount.bend_radius_m is None:
@@ -303,16 +287,18 @@ def _refuse_overlap(node: Node, mount: Mount, actuators: Node) -> None:
         )
 
 
-def _place(node: Node, mount: Mount | None) -> Place:
+def _place(node: Node, mount: device_config.Mount | None) -> device_config.Place:
     """Read the place of an actuator: vertices, a place in the room, or a place on the body by its
     centre, metres, or as a pad, which ``mount`` converts to metres. Raises InputError: a model
     stands twice, an aim is near 0, or a pad has no ``mount``."""
     ((kind, member),) = node.members().items()
     if kind == "vertices":
-        sets = tuple(VertexSet(x["model"], x["hash"], tuple(x["ids"])) for x in member.value)
+        sets = tuple(
+            device_config.VertexSet(x["model"], x["hash"], tuple(x["ids"])) for x in member.value
+        )
         if len({vertex_set.model_id for vertex_set in sets}) != len(sets):
             member.fail("each model once")
-        return VertexPlace(sets)
+        return device_config.VertexPlace(sets)
     if kind == "room":
         return _room_place(member)
     if "centre_m" in member:
@@ -323,7 +309,7 @@ def _place(node: Node, mount: Mount | None) -> Place:
         # A pad lies on the mount's surface, whose coordinates are millimetres.
         (on_body,) = place_on(mount, np.array([member.numbers("at_mm")]) / 1000.0)
         centre = float(on_body[0]), float(on_body[1]), float(on_body[2])
-    return BodyPlace(
+    return device_config.BodyPlace(
         parts=tuple(member.get("parts")),
         centre_m=centre,
         radius_m=member.number("radius_m"),
@@ -332,14 +318,14 @@ def _place(node: Node, mount: Mount | None) -> Place:
     )
 
 
-def _room_place(node: Node) -> RoomPlace:
+def _room_place(node: Node) -> device_config.RoomPlace:
     """Read a place in the room; ``reaches`` is by default all body parts. Without ``at_m`` all are
     reached equally; else range is by default 100 m, cone 360 degrees, aim None or a unit vector."""
     parts = tuple(node.get("reaches", PARTS))
     if "at_m" not in node:
-        return RoomPlace(parts)
+        return device_config.RoomPlace(parts)
     x, y, z = _direction(node["aim"]) if "aim" in node else (0.0, 0.0, 0.0)
-    return RoomPlace(
+    return device_config.RoomPlace(
         parts,
         at_m=_triple(node, "at_m"),
         aim=(float(x), float(y), float(z)) if "aim" in node else None,
@@ -348,7 +334,9 @@ def _room_place(node: Node) -> RoomPlace:
     )
 
 
-def _outputs(top: Node, actuators: tuple[Actuator, ...]) -> tuple[OutputConfig, ...]:
+def _outputs(
+    top: Node, actuators: tuple[device_config.Actuator, ...]
+) -> tuple[device_config.OutputConfig, ...]:
     """Read ``output``, or the list ``outputs`` with actuators by id; empty without both. InputError
     for both fields, and unless each actuator is in exactly one output."""
     if "output" in top:
@@ -373,7 +361,7 @@ def _outputs(top: Node, actuators: tuple[Actuator, ...]) -> tuple[OutputConfig, 
     return tuple(outputs)
 
 
-def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
+def output(node: Node, actuators: tuple[device_config.Actuator, ...]) -> device_config.OutputConfig:
     """Read the encoder and transport of a device, with default hosts and ports. Raises InputError:
     a host is not local, or the encoder does not fit number, silence or channels of the
     actuators."""
@@ -382,17 +370,22 @@ def output(node: Node, actuators: tuple[Actuator, ...]) -> OutputConfig:
     transport = node["transport"] if "transport" in node else Node({}, node.file)
     # The encoder implies the kind of transport.
     if TRANSPORT_OF[kind] == "serial":
-        return OutputConfig(encoder, SerialTransport(transport.get("baud", 115200)))
+        return device_config.OutputConfig(
+            encoder, device_config.SerialTransport(transport.get("baud", 115200))
+        )
     # A board of VRC Haptics without a host is found by its announcements.
     default = "" if kind == "vrc-haptics" else "127.0.0.1"
     usual_port = _PORTS[kind]
-    if isinstance(encoder, BhapticsEncoder):
+    if isinstance(encoder, device_config.BhapticsEncoder):
         usual_port += encoder.sdk - 1  # the Player's port for each SDK
     host, port = transport.get("host", default), transport.get("port", usual_port)
     if host and not is_local(host):
         transport["host"].fail(LOCAL)
     is_udp = TRANSPORT_OF[kind] == "udp"
-    return OutputConfig(encoder, (UdpTransport if is_udp else WebsocketTransport)(host, port))
+    return device_config.OutputConfig(
+        encoder,
+        (device_config.UdpTransport if is_udp else device_config.WebsocketTransport)(host, port),
+    )
 
 
 def is_local(host: str) -> bool:
@@ -411,13 +404,15 @@ def is_local(host: str) -> bool:
     return address.is_private and not is_odd
 
 
-def _encoder(node: Node, kind: str, actuators: tuple[Actuator, ...]) -> Encoder:
+def _encoder(
+    node: Node, kind: str, actuators: tuple[device_config.Actuator, ...]
+) -> device_config.Encoder:
     """Read an encoder of a kind. InputError unless ``buttplug`` and ``bhaptics`` have an item for
     each actuator, and ``hfx-wire`` and ``vrc-haptics`` 32 and 128 actuators at most, all silent at
     their minimum."""
     if kind == "bytes":
         number = node.get("number")
-        return BytesEncoder(
+        return device_config.BytesEncoder(
             header=bytes.fromhex(node.get("header", "")),
             number=number,
             full_scale=node.get("full_scale", FULL_SCALES[number]),
@@ -427,26 +422,26 @@ def _encoder(node: Node, kind: str, actuators: tuple[Actuator, ...]) -> Encoder:
         )
     if kind == "text":
         start, separator = node.get("start", ""), node.get("separator", " ")
-        return TextEncoder(start, separator, node.get("full_scale"), node.get("stop"))
+        return device_config.TextEncoder(start, separator, node.get("full_scale"), node.get("stop"))
     if kind == "osc":
         return _osc(node, actuators)
     if kind == "buttplug":
         _one_for_each(node["outputs"], len(actuators))
         outputs = tuple((item["feature"], item["output"]) for item in node.get("outputs"))
-        return ButtplugEncoder(node.get("device_name", ""), outputs)
+        return device_config.ButtplugEncoder(node.get("device_name", ""), outputs)
     if kind == "bhaptics":
         _one_for_each(node["dots"], len(actuators))
         dots = tuple((dot["position"], dot["index"]) for dot in node.get("dots"))
-        return BhapticsEncoder(dots, node.get("sdk", 1))
+        return device_config.BhapticsEncoder(dots, node.get("sdk", 1))
     if len(actuators) > MAX_CHANNELS[kind]:
         node.fail(f"another encoder: this one takes {MAX_CHANNELS[kind]} actuators at most")
     for actuator in actuators:  # a board that falls silent sets its pins to 0
         if actuator.type.strength.neutral != actuator.type.strength.minimum:
             node.fail(f"another encoder: actuator '{actuator.id}' is not silent at its minimum")
-    return WireEncoder() if kind == "hfx-wire" else VrcHapticsEncoder()
+    return device_config.WireEncoder() if kind == "hfx-wire" else device_config.VrcHapticsEncoder()
 
 
-def _osc(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
+def _osc(node: Node, actuators: tuple[device_config.Actuator, ...]) -> device_config.Encoder:
     """Read OSC addresses, one for each control with a range, or one template for all; by default
     shares of full scale in bundles. InputError for another number, or a template with the same
     address for two controls."""
@@ -462,7 +457,7 @@ def _osc(node: Node, actuators: tuple[Actuator, ...]) -> Encoder:
     else:
         _one_for_each(node["addresses"], sum(counts))
         addresses = tuple(node.get("addresses"))
-    return OscEncoder(
+    return device_config.OscEncoder(
         addresses,
         is_fraction=node.get("values", "fraction") == "fraction",
         is_bundle=node.get("send", "bundle") == "bundle",

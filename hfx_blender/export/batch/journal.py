@@ -20,8 +20,8 @@ from ...engine.native.library import library
 from ...errors import HfxError, InputError
 from ...files.atomic import stored_json
 from ...files.hashes import FOLDER, NOT_READ, TOO_MANY, is_elsewhere, sha256_of, state_of
+from ...files.kinds import REPORT_SUFFIX
 from ...version import __version__
-from ..report import REPORT_SUFFIX
 from ..result_files import listed
 from .units import Unit
 

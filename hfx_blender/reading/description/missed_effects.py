@@ -4,7 +4,6 @@
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from ...engine.contact.contact_query import FLATTENED
 from ...text import MOST_NAMES, named
 
 NO_TOUCH: Final = "touches no body"
@@ -30,7 +29,13 @@ def flattened_warning(counts: Mapping[str, int]) -> tuple[str, ...]:
     names = [*counts]
     if not names:
         return ()
-    end = f"{FLATTENED}: it is not felt ({sum(counts.values())} times)"
+    times = sum(counts.values())
     if len(names) == 1:
-        return (f"effect '{names[0]}' {end}",)
-    return (f"each of {len(names)} effects {end}: {named(names, MOST_NAMES)}",)
+        return (
+            f"effect '{names[0]}' is flattened, infinite or not a number: it is not felt "
+            f"({times} times)",
+        )
+    return (
+        f"each of {len(names)} effects is flattened, infinite or not a number: it is not felt "
+        f"({times} times): {named(names, MOST_NAMES)}",
+    )

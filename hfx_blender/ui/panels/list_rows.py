@@ -21,14 +21,8 @@ from ...blender.events import push_undo_soon
 from ...blender.scene_info import frame_at, frames_per_shown_unit, shown_time
 from ...engine.modality import MODALITIES
 from ...errors import InputError
+from ...operators import shared
 from ...operators.effects.clip_operators import TIMES, join_tracks, label_of
-from ...operators.shared import (
-    HfxOperator,
-    active_effect,
-    is_in_view_layer,
-    select_only,
-    to_object_mode,
-)
 from ...playback.preview.preview import preview
 from ..sidebar import filtered
 
@@ -80,7 +74,7 @@ def refresh() -> None:
             row.name, row.effect, row.group = effect_name or group, effect_name, group
         preview.redraw()
     # A timer right after loading has no window, hence no active object.
-    effect = active_effect(bpy.context) if hasattr(bpy.context, "object") else None
+    effect = shared.active_effect(bpy.context) if hasattr(bpy.context, "object") else None
     count = 0 if effect is None else len(clips.strips_of(effect))
     if len(manager.hfx_clips) != count:
         manager.hfx_clips.clear()
@@ -158,7 +152,7 @@ def _is_selected(row: HfxEffectRow) -> bool:
 def _set_selected(row: HfxEffectRow, value: bool) -> None:
     context = bpy.context
     for obj in _objects_of(row):
-        if is_in_view_layer(context, obj):
+        if shared.is_in_view_layer(context, obj):
             obj.select_set(value)
             if value and (context.object is None or not context.object.select_get()):
                 context.view_layer.objects.active = obj
@@ -300,7 +294,7 @@ def _active_row(manager: bpy.types.WindowManager) -> int:
     active = bpy.context.object
     if active is None:
         return -1
-    shown = active.get("hfx_painted_effect") or active_effect(bpy.context) or active
+    shown = active.get("hfx_painted_effect") or shared.active_effect(bpy.context) or active
     group = effects.group_of(shown)
     for index, row in enumerate(manager.hfx_rows):
         # In a closed group, the row of the group is highlighted instead of the effect's.
@@ -315,7 +309,7 @@ def _select_row(_manager: bpy.types.WindowManager, index: int) -> None:
     bpy.ops.hfx.select_effects("INVOKE_DEFAULT", row=index)
 
 
-class HFX_OT_select_effects(HfxOperator):
+class HFX_OT_select_effects(shared.HfxOperator):
     """Select the effects of a row of the list"""
 
     bl_label = "Select Effects"
@@ -333,7 +327,7 @@ class HFX_OT_select_effects(HfxOperator):
     def work(self, context: bpy.types.Context) -> None:
         manager = context.window_manager
         try:
-            to_object_mode(context)
+            shared.to_object_mode(context)
         except InputError:
             return  # painting goes on
         if 0 <= self.row < len(manager.hfx_rows):
@@ -342,13 +336,13 @@ class HFX_OT_select_effects(HfxOperator):
             between = range(min(first, self.row), max(first, self.row) + 1)
             rows = [self.row, *(index for index in between if index != self.row)]
             shown = [obj for index in rows for obj in _objects_of(manager.hfx_rows[index])]
-            select_only(context, *shown)
+            shared.select_only(context, *shown)
             push_undo_soon()
 
 
 def _strip(row: HfxClipRow) -> bpy.types.NlaStrip | None:
     """NLA strip of the active effect at the row's position; None beyond the last strip."""
-    effect, rows = active_effect(bpy.context), bpy.context.window_manager.hfx_clips
+    effect, rows = shared.active_effect(bpy.context), bpy.context.window_manager.hfx_clips
     # Blender passes the row alone. The position of the row is that of the strip.
     index = next(k for k, candidate in enumerate(rows) if candidate == row)
     strips = [] if effect is None else clips.strips_of(effect)
@@ -381,7 +375,7 @@ def _time(time: str, of_strip: str, **limits: float) -> FloatProperty:
 
 def active_group() -> list[bpy.types.Object]:
     """Listed effects of the active effect's group; empty without a group."""
-    effect = active_effect(bpy.context)
+    effect = shared.active_effect(bpy.context)
     name = "" if effect is None else effects.group_of(effect)
     listed = swarms.listed_effects(bpy.context.scene) if name else []
     return [member for member in listed if effects.group_of(member) == name]
