@@ -17,15 +17,7 @@ from pathlib import Path
 from typing import Final
 
 from ..errors import InputError, OutputError
-from .atomic import (
-    move,
-    passing,
-    placing,
-    refuse_taken,
-    temporary_name,
-    temporary_pattern,
-    unfinished,
-)
+from . import atomic
 from .locks import LOCKED_BYTE, NEW_S, is_ownerless, take_lock
 
 _OWNER: Final = "owner"
@@ -46,10 +38,10 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     ``name``, shortened, becomes part of the folder's name. Raises OSError if the folder cannot be
     made, and ValueError for a name with a NUL character."""
     remove_abandoned(parent)
-    stage = parent / temporary_name(name)
+    stage = parent / atomic.temporary_name(name)
     owner: int | None = None
     # The folder is locked by its file "owner"; the text "locked" in it states a taken lock.
-    with unfinished(stage, remove_tree, partial(Path.mkdir, mode=0o700)):
+    with atomic.unfinished(stage, remove_tree, partial(Path.mkdir, mode=0o700)):
         try:
             owner = os.open(stage / _OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
             with suppress(OSError):  # without locks on a network file system, the folder stays
@@ -77,7 +69,7 @@ def remove_abandoned(parent: Path) -> None:
     """Remove folders of :func:`stage_folder` in ``parent`` of ended processes of this machine, and
     empty ones older than 60 s; errors are ignored."""
     with suppress(OSError):
-        for stage in parent.glob(temporary_pattern()):
+        for stage in parent.glob(atomic.temporary_pattern()):
             with suppress(OSError):
                 if not stage.is_dir() or stage.is_symlink():
                     continue
@@ -108,7 +100,7 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
     contexts = ExitStack()
     new: list[Path] = []
     try:
-        with placing:
+        with atomic.placing:
             new = _missing(folder, contexts)
             folder.mkdir(parents=True, exist_ok=True)
         stage = contexts.enter_context(stage_folder(within or folder, name))
@@ -118,7 +110,7 @@ def staging(folder: Path, name: str, within: Path | None = None) -> Iterator[Pat
         reason = getattr(error, "strerror", None) or error
         raise OutputError(f"{folder}: cannot be written to ({reason}).") from error
     try:
-        with contexts, passing(stage):
+        with contexts, atomic.passing(stage):
             yield stage
     except OSError as error:
         path = with_final_names(str(error.filename or folder), stage, folder)
@@ -138,7 +130,7 @@ def _missing(folder: Path, contexts: ExitStack) -> list[Path]:
     ``contexts`` removes them if empty."""
     missing = [path for path in (folder, *folder.parents) if not path.exists()][::-1]
     for path in missing:
-        contexts.enter_context(unfinished(path, Path.rmdir))
+        contexts.enter_context(atomic.unfinished(path, Path.rmdir))
     return missing
 
 
@@ -156,15 +148,15 @@ def place(files: Sequence[Path], folder: Path, base: Path | None = None) -> tupl
     failed move; new folders are removed in this case."""
     targets = [folder / (path.relative_to(base) if base else path.name) for path in files]
     for target in targets:
-        refuse_taken(target)
+        atomic.refuse_taken(target)
     new: list[Path] = []
     try:
         with ExitStack() as contexts:
             for below in dict.fromkeys(target.parent for target in targets):
-                with placing:
+                with atomic.placing:
                     new += _missing(below, contexts)
                     make_folder(below)
-            return move(files, folder, base)
+            return atomic.move(files, folder, base)
     except (OSError, OutputError) as error:
         _remove_empty(new)
         # It names the file already.

@@ -20,15 +20,9 @@ from ..modality import MODALITIES, neutral_temperature_c
 from ..samples import SampleRun, Stream
 from ..surface.surface_drive import SurfaceDrives
 from ..track.header import TrackHeader
+from .conditioning import frequency
 from .conditioning.actuator_limits import DeviceLimits, advanced, held, limited, rounded, rows_of
 from .conditioning.feel import Feel, SkinMemory
-from .conditioning.frequency import (
-    TONE_PAIR_HZ,
-    Partial,
-    Partials,
-    StrongestContributor,
-    tone_pair_shares,
-)
 from .conditioning.mixing import Contribution, Mixed, merged, mix, substituted
 from .device_config import ActuatorType, DeviceConfig
 from .dispatch import ActuatorGroup, MissingActuators, ModelLoader
@@ -108,9 +102,9 @@ class Renderer:
         self._next_row = 0
         self._limits: DeviceLimits | None = None
         vibrating = [a for a in device.actuators if a.type.modality == "vibration"]
-        self._frequency = StrongestContributor(len(vibrating))
+        self._frequency = frequency.StrongestContributor(len(vibrating))
         self._sounding = [a for a in device.actuators if a.type.takes_waveform]
-        self._partials = Partials(len(self._sounding))
+        self._partials = frequency.Partials(len(self._sounding))
         self._is_pair = np.array([a.type.is_tone_pair for a in self._sounding], np.bool_)
         self._missing = MissingActuators(device)
         self._rhythm_s = rhythm_s(device.scheme)
@@ -287,12 +281,12 @@ class Renderer:
         for name, amplitudes, frequencies_hz in vibrations if self._sounding else ():
             sounding = gain * amplitudes[:, group.takes_waveform]
             if self._is_pair.any():
-                by_tone = tone_pair_shares(frequencies_hz)[..., None]
+                by_tone = frequency.tone_pair_shares(frequencies_hz)[..., None]
                 pairs += by_tone * np.where(self._is_pair, sounding, 0.0)
                 sounding = np.where(self._is_pair, 0.0, sounding)
             self._partials.add(name, rows, sounding, frequencies_hz)
         # Tones of all effects in one partial: equal frequencies are in phase, and add.
-        for (name, tone_hz), tones in zip(TONE_PAIR_HZ.items(), pairs, strict=True):
+        for (name, tone_hz), tones in zip(frequency.TONE_PAIR_HZ.items(), pairs, strict=True):
             self._partials.add(name, rows, tones, np.full(len(rows), tone_hz))
         frequencies = self._frequency.frequencies(
             [name for name, _, _ in vibrations],
@@ -452,7 +446,7 @@ class Renderer:
                 is_on[rows:] |= on[: len(on) - rows]
         return is_changed, is_on
 
-    def partials(self) -> tuple[Partial, ...]:
+    def partials(self) -> tuple[frequency.Partial, ...]:
         """Partials of each effect so far at the actuators with a waveform, advanced by latency and
         within limits; empty without such actuators."""
         if not self._sounding:

@@ -20,19 +20,7 @@ from ...errors import InputError, OutputError
 from ...files.atomic import atomic_file
 from ..modality import MODALITIES
 from ..samples import SampleRun
-from . import layout
-from .codec import (
-    CHANNELS,
-    FOCUS_COLUMNS,
-    MAX_ENTRIES,
-    MAX_SET_ENTRIES,
-    Cursor,
-    Section,
-    decode_weights,
-    encode,
-    encode_weights,
-    repeated_sets,
-)
+from . import codec, layout
 from .header import TrackEffect, TrackHeader
 from .layout import to_json
 from .track_reader import Content, TrackReader, read_sections
@@ -66,7 +54,7 @@ class TrackWriter:
         self._chunks: list[int] = []
         self._end = 0  # sample index after the last written chunk
         # By chunk number, then by stream index: parts of a section, in order of time.
-        self._open: defaultdict[int, dict[int, list[Section]]] = defaultdict(dict)
+        self._open: defaultdict[int, dict[int, list[codec.Section]]] = defaultdict(dict)
         self._entries: Counter[int] = Counter()  # collected (set, vertex) pairs by chunk number
 
     def __enter__(self) -> Self:
@@ -137,7 +125,7 @@ class TrackWriter:
 
         weights: npt.NDArray[Any] = run.weights.astype(np.float32)
         if not self.full_precision:
-            weights = encode_weights(weights)
+            weights = codec.encode_weights(weights)
         chunks = run.indices // self._samples_per_chunk
         # Split the run at chunk borders; each part extends the builder of a chunk.
         edges = np.flatnonzero(np.diff(chunks, prepend=-1, append=-1))
@@ -148,7 +136,7 @@ class TrackWriter:
             start = chunk * self._samples_per_chunk
             self._keep(chunk, replace(part, stream=stream, steps=part.steps - start))
         # A chunk too large already will not fit when complete: its later samples need no memory.
-        while max(self._entries.values()) > MAX_SET_ENTRIES:
+        while max(self._entries.values()) > codec.MAX_SET_ENTRIES:
             self._halve_chunks()
 
         index.add(
@@ -158,10 +146,10 @@ class TrackWriter:
                 last=int(run.indices[-1]),
                 entries=int(run.sizes.sum()),
                 peak_level=float(run.levels.max()),
-                channels=tuple(name for name in CHANNELS if getattr(run, name) is not None),
+                channels=tuple(name for name in codec.CHANNELS if getattr(run, name) is not None),
             )
         )
-        return run if self.full_precision else replace(run, weights=decode_weights(weights))
+        return run if self.full_precision else replace(run, weights=codec.decode_weights(weights))
 
     def copy(self, part: TrackReader) -> None:
         """Append a track with a later part of the same recording, as if its samples were recorded
@@ -188,14 +176,14 @@ class TrackWriter:
         for index, entry in zip(self._index, part.index, strict=True):
             index.add(entry)
 
-    def _keep(self, chunk: int, part: Section) -> None:
+    def _keep(self, chunk: int, part: codec.Section) -> None:
         """Collect a part of a section, with vertex ids as short as the model allows."""
         if self._vertex_counts[part.stream] <= 1 << 16:
             part = replace(part, vertices=part.vertices.astype(np.uint16))
         self._open[chunk].setdefault(part.stream, []).append(part)
         self._entries[chunk] += len(part.vertices)
 
-    def _collect(self, sections: Iterable[Section], start: int) -> None:
+    def _collect(self, sections: Iterable[codec.Section], start: int) -> None:
         """Collect sections of a chunk that started at sample ``start``, split at present chunks."""
         for section in sections:
             for number, part in section.parts(self._samples_per_chunk):
@@ -213,7 +201,7 @@ class TrackWriter:
             else:
                 self._put_chunk(chunk, content)
 
-    def _taken(self, chunk: int) -> tuple[int, list[Section]]:
+    def _taken(self, chunk: int) -> tuple[int, list[codec.Section]]:
         """Number of a collected chunk, and its sections; these are collected no longer."""
         del self._entries[chunk]
         parts = self._open.pop(chunk)
@@ -226,8 +214,9 @@ class TrackWriter:
         recording that started with n."""
         if self._samples_per_chunk == 1:
             raise OutputError(
-                f"{self.path}: more is felt in one sample than a track holds ({MAX_SET_ENTRIES:,} "
-                "contacts of all effects and bodies together). Fewer effects or bodies fit."
+                f"{self.path}: more is felt in one sample than a track holds "
+                f"({codec.MAX_SET_ENTRIES:,} contacts of all effects and bodies together). "
+                "Fewer effects or bodies fit."
             )
         chunks, self._chunks = self._chunks, []
         size = self._samples_per_chunk
@@ -248,7 +237,7 @@ class TrackWriter:
             self._put_header()
             with zipfile.ZipFile(earlier) as archive:
                 for chunk in chunks:
-                    cursor = Cursor(archive.read(layout.chunk_name(chunk)), str(self.path))
+                    cursor = codec.Cursor(archive.read(layout.chunk_name(chunk)), str(self.path))
                     sections = read_sections(cursor, self.header, size, self.full_precision)
                     self._collect(sections, chunk * size)
                     self._write_collected((chunk + 1) * size)
@@ -275,24 +264,26 @@ class TrackWriter:
         self._archive.writestr(entry, content)
 
 
-def _encoded(sections: Sequence[Section]) -> bytes | None:
+def _encoded(sections: Sequence[codec.Section]) -> bytes | None:
     """Encoded chunk; None if it has too many contacts or bytes for a reader."""
     # Counts first: encoding a chunk that no reader accepts takes long.
     entries = sum(len(section.vertices) for section in sections)
-    if entries > MAX_SET_ENTRIES or any(part.entry_count > MAX_ENTRIES for part in sections):
+    if entries > codec.MAX_SET_ENTRIES or any(
+        part.entry_count > codec.MAX_ENTRIES for part in sections
+    ):
         return None
-    content = b"".join(map(encode, sections))
+    content = b"".join(map(codec.encode, sections))
     return content if len(content) <= layout.MAX_CHUNK_BYTES else None
 
 
 def _section_of(
-    run: SampleRun, weights: npt.NDArray[Any], rows: slice, before: Sequence[Section]
-) -> Section:
+    run: SampleRun, weights: npt.NDArray[Any], rows: slice, before: Sequence[codec.Section]
+) -> codec.Section:
     """Copies of some ``rows`` of a checked run as a part of a section with the parts ``before``;
     sets equal to the set before are left out. ``weights`` are the stored weights of the whole run.
     Stream 0, and steps from sample 0. Raises ValueError if the channels differ from those
     before."""
-    present = {name for name in CHANNELS if getattr(run, name) is not None}
+    present = {name for name in codec.CHANNELS if getattr(run, name) is not None}
     if before and present != before[-1].channels.keys():
         raise ValueError(f"effect '{run.stream.effect_id}': channels change within a chunk")
     # Only the sets of these samples, cut out of the run's shared entries.
@@ -303,7 +294,7 @@ def _section_of(
     vertices = run.vertices[entries].astype(np.int32)
     is_new = np.diff(sets, prepend=-1) != 0
     if not present:  # with channels every sample has its own set
-        stays = repeated_sets(offsets - offsets[0], vertices, weights)
+        stays = codec.repeated_sets(offsets - offsets[0], vertices, weights)
         # The first set is compared with the last one before.
         last = next((part for part in reversed(before) if len(part.sizes)), None)
         if last is not None and last.sizes[-1] == sizes[0]:
@@ -314,7 +305,7 @@ def _section_of(
         entering = np.repeat(~stays, sizes)
         sizes, vertices, weights = sizes[~stays], vertices[entering], weights[entering]
     # Copies, made by astype(): the caller may reuse its arrays.
-    return Section(
+    return codec.Section(
         stream=0,
         steps=run.indices[rows].astype(np.int64),
         levels=run.levels[rows].astype(np.float64),
@@ -324,7 +315,7 @@ def _section_of(
         vertices=vertices,
         weights=weights.copy(),
         channels={
-            name: getattr(run, name)[entries].astype(np.float32).reshape(-1, CHANNELS[name])
+            name: getattr(run, name)[entries].astype(np.float32).reshape(-1, codec.CHANNELS[name])
             for name in present
         },
         focus=None if run.focus is None else run.focus[rows].astype(np.float32),
@@ -332,7 +323,7 @@ def _section_of(
     )
 
 
-def _joined(parts: Sequence[Section]) -> Section:
+def _joined(parts: Sequence[codec.Section]) -> codec.Section:
     """Join parts of a section, in order of time."""
     columns = {
         name: np.concatenate([getattr(part, name) for part in parts])
@@ -350,7 +341,7 @@ def _check_rows(run: SampleRun, effect: TrackEffect) -> None:
     if (run.focus is not None) != (effect.kind == "spot"):
         raise ValueError(f"effect '{effect.id}': a spot, and nothing else, has a focus")
     if run.focus is not None:
-        good = run.focus.shape == (len(run), FOCUS_COLUMNS) and np.isfinite(run.focus).all()
+        good = run.focus.shape == (len(run), codec.FOCUS_COLUMNS) and np.isfinite(run.focus).all()
         if not good or (run.focus[:, 3] < 0.0).any():
             raise ValueError("focus: expected a finite place and a radius for each sample")
     if (run.drive is not None) != (effect.kind == "actuators"):
@@ -373,7 +364,7 @@ def _check_run(run: SampleRun, header: TrackHeader, vertex_count: int) -> None:
     _check_vertices(run, vertex_count)
     _check_rows(run, header.effect(run.stream))
     total = len(run.vertices)
-    for name, columns in CHANNELS.items():
+    for name, columns in codec.CHANNELS.items():
         values = getattr(run, name)
         if values is not None:
             shape = (total,) if columns == 1 else (total, columns)
@@ -396,7 +387,7 @@ def _check_sets(run: SampleRun) -> None:
     steps = np.diff(run.set_of)
     if run.set_of[0] != 0 or not ((steps == 0) | (steps == 1)).all():
         raise ValueError("sets: expected a number from 0 for each sample, rising by 0 or 1")
-    if run.sets is not None and any(getattr(run, name) is not None for name in CHANNELS):
+    if run.sets is not None and any(getattr(run, name) is not None for name in codec.CHANNELS):
         raise ValueError("positions, velocities, depth and forces need a set for each sample")
     sizes = np.diff(run.offsets)
     if run.offsets[0] != 0 or run.offsets[-1] != len(run.vertices) or (sizes < 0).any():

@@ -98,7 +98,7 @@ def test_chunks_hold_no_more_than_a_reader_holds(
     whole = _write(folder / "whole", track_header, runs, precise)
     edges = [0, *(CHUNK * k for k in sorted(cuts)), 10**9]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(track_writer, "MAX_SET_ENTRIES", limit)
+        patch.setattr(track_writer.codec, "MAX_SET_ENTRIES", limit)
         limited = _write(folder / "limited", track_header, runs, precise)
         parts = [
             _write(folder / f"{k}", track_header, runs, precise, edges[k], edges[k + 1])
@@ -223,7 +223,7 @@ def test_calls_have_no_influence_on_the_size_of_chunks(
     """Chunks are halved while their samples are collected, in blocks of 64 or at once."""
     track_header = header(sample_count=500)
     runs = _recording(track_header, seed)
-    monkeypatch.setattr(track_writer, "MAX_SET_ENTRIES", limit)
+    monkeypatch.setattr(track_writer.codec, "MAX_SET_ENTRIES", limit)
     whole = _write(tmp_path / "whole", track_header, runs, False)
     with TrackWriter(tmp_path / "blocks", track_header) as writer:
         for low in range(0, 500, 64):

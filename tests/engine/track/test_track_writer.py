@@ -88,7 +88,7 @@ def test_channels_change_within_a_chunk(tmp_path):
 def test_more_contacts_than_a_reader_can_hold(tmp_path, monkeypatch):
     for name in ("MAX_ENTRIES", "MAX_SET_ENTRIES"):
         with monkeypatch.context() as patch:
-            patch.setattr(track_writer, name, 1)  # of the 2 in each sample
+            patch.setattr(track_writer.codec, name, 1)  # of the 2 in each sample
             with pytest.raises(OutputError, match="one sample than a track holds"):
                 with TrackWriter(tmp_path / "a", HEADER) as writer:
                     writer.append([GOOD])
