@@ -158,9 +158,10 @@ class Host:
         self._stop_after_standstill(now)
         # A pause of all devices announces work of Blender that sends no messages.
         is_work = message[:2] == (MessageKind.PAUSE, EVERY_DEVICE)
-        is_work |= self._ahead[MessageKind.PAUSE, EVERY_DEVICE] > 0
-        self.patience_s = PAUSE_S if is_work else HEARTBEAT_S
-        self._last_sign_s = now
+        with self._order:
+            is_work |= self._ahead[MessageKind.PAUSE, EVERY_DEVICE] > 0
+            self.patience_s = PAUSE_S if is_work else HEARTBEAT_S
+            self._last_sign_s = now
         self.take(message, now)
         for thread in list(self.device_threads.values()):
             thread.sign(now)
@@ -179,10 +180,11 @@ class Host:
                 self.patience_s, self._last_sign_s = PAUSE_S, self._clock.now()
             for thread in self._threads_of(number):
                 self._pass_on(thread, message, 0.0)
-        if number == EVERY_DEVICE:
-            self.rendering.forget()
-            if kind is MessageKind.STOP:
-                self._report("silent")
+            # Before the first pipe goes on: the next moment there is newer than this silence.
+            if number == EVERY_DEVICE:
+                self.rendering.forget()
+        if (kind, number) == (MessageKind.STOP, EVERY_DEVICE):
+            self._report("silent")
 
     def _is_void(self, kind: MessageKind, number: int) -> bool:
         """Test that a message of the first pipe, which would let a device play, was sent before a

@@ -138,8 +138,7 @@ class LiveClient:
     def close_port(self, name: str) -> None:
         """Request stop and closing of a device's port, without waiting; the state becomes "closed",
         or "lost" without a confirmed stop. Unknown names are ignored."""
-        if name in self.devices:
-            self.pipe.silence(MessageKind.STOP, self.devices[name].number, "disconnected")
+        self.stop(name, "disconnected")
         self._command(MessageKind.DISCONNECT, name)
 
     def send(self, name: str, values: npt.ArrayLike) -> None:
@@ -215,10 +214,10 @@ class LiveClient:
         """Let a device, or all devices (None), play again after a stop, from silence."""
         self._command(MessageKind.ARM, name)
 
-    def stop(self, name: str) -> None:
+    def stop(self, name: str, reason: str = "") -> None:
         """Discard a device's unsent values and send a stop; ignored for an unknown name."""
         if name in self.devices:
-            self.pipe.silence(MessageKind.STOP, self.devices[name].number)
+            self.pipe.silence(MessageKind.STOP, self.devices[name].number, reason)
 
     def stop_all(self, reason: str = "stopped by you") -> None:
         """Silence all devices now, ahead of unsent messages.
@@ -249,7 +248,6 @@ class LiveClient:
             self.pipe.send(kind, self.devices[name].number, body)
 
     def _feed(self, name: str, kind: MessageKind, body: bytes) -> None:
-        state = self.devices.get(name)
-        # Not `is_running`: this is called for each frame, and the test of a process is slow.
-        if state is not None and self.pipe.worker is not None:
-            self.pipe.replace(state.number, message(kind, state.number, body))
+        if name in self.devices:
+            number = self.devices[name].number
+            self.pipe.replace(number, message(kind, number, body))

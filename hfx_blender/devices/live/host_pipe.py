@@ -4,12 +4,12 @@
 import json
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from ...engine.samples import Stream
 from ...errors import DeviceError
@@ -54,12 +54,20 @@ def event_of(body: bytes) -> Event | None:
         return None
 
 
+class Unsent(NamedTuple):
+    """Values of a device or the moment of all devices; invalid after :meth:`HostPipe.void`."""
+
+    content: bytes | LiveFrame
+    silences: int  # number of calls of void() for the device before
+    places: Mapping[Stream, int]  # index of each stream in the header of the moment's scene
+
+
 class HostPipe:
     """Messages to an output process and events from the process; can be started again.
 
     Only threads of this object wait for the process. Attributes: ``urgent``, unsent messages, all
     to be sent, in order; ``newest``, newest unsent values or moment of each device number;
-    ``places``, index of each stream in the header of the present scene.
+    ``places``, index of each stream in the header of the present scene, for later moments.
     """
 
     def __init__(self) -> None:
@@ -68,8 +76,8 @@ class HostPipe:
         # operation on these containers is atomic in Python.
         self._wake: SimpleQueue[None] = SimpleQueue()
         self.urgent: deque[bytes] = deque()
-        self.newest: dict[int, bytes | LiveFrame] = {}
-        self._silences = 0  # number of calls of void()
+        self.newest: dict[int, Unsent] = {}
+        self._silences: Counter[int | None] = Counter()  # calls of void(), by argument
         self._is_closing = False
         self._events: deque[Event] = deque(maxlen=_MAX_EVENTS)
         self._is_ready = False
@@ -119,9 +127,9 @@ class HostPipe:
 
     def replace(self, device: int, newest: bytes | LiveFrame) -> None:
         """Queue a device's values, or the moment of all devices, in place of an unsent entry."""
-        if self.worker is None:
+        if self.worker is None:  # `is_running` would be slow, at each frame
             return
-        self.newest[device] = newest
+        self.newest[device] = Unsent(newest, self._silences_of(device), self.places)
         self._nudge()
 
     def void(self, device: int | None = None) -> None:
@@ -130,7 +138,11 @@ class HostPipe:
             self.newest.clear()
         else:
             self.newest.pop(device, None)
-        self._silences += 1
+        self._silences[device] += 1
+
+    def _silences_of(self, device: int) -> int:
+        """Number of calls of :meth:`void` for a device number or for all."""
+        return self._silences[device] + self._silences[None]
 
     def silence(self, kind: MessageKind, device: int = EVERY_DEVICE, reason: str = "") -> None:
         """Discard unsent values of a device or of all, and send STOP or PAUSE by both pipes: by the
@@ -207,28 +219,29 @@ class HostPipe:
                 return
             # Values are taken before the urgent messages but sent afterwards: a message queued
             # earlier than the values, as of the scene, is never sent later.
-            silences, is_last, places = self._silences, self._is_closing, self.places
+            is_last = self._is_closing
             newest = list(_taken(self.newest.popitem))[::-1]
             messages = list(_taken(self.urgent.popleft))
             if messages:
                 yield b"".join(messages)
-            data = b"".join(self.encoded(content, places) for _, content in newest)
-            if silences != self._silences and not is_last:
-                continue  # a stop was queued during the encoding: these values are older
+            encoded = [(self.encoded(unsent), unsent.silences, n) for n, unsent in newest]
+            # After the encoding of all: a stop meanwhile voids what was queued before it.
+            data = b"".join(data for data, count, n in encoded if count == self._silences_of(n))
             if data:
                 yield data
             if is_last:
                 return
 
-    def encoded(self, newest: bytes | LiveFrame, places: Mapping[Stream, int]) -> bytes:
+    def encoded(self, unsent: Unsent) -> bytes:
         """Message of a moment; bytes are returned unchanged.
 
         Empty for a moment of an earlier scene. A moment that cannot be encoded stops all devices.
         """
-        if not isinstance(newest, LiveFrame):
-            return newest
+        if not isinstance(unsent.content, LiveFrame):
+            return unsent.content
         try:
-            return message(MessageKind.MOMENT, EVERY_DEVICE, encode_live_frame(newest, places))
+            body = encode_live_frame(unsent.content, unsent.places)
+            return message(MessageKind.MOMENT, EVERY_DEVICE, body)
         except KeyError:
             return b""  # a stream that the present scene does not have
         except Exception as error:

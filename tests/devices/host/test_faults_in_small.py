@@ -260,6 +260,66 @@ def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
     assert next(pipe.outgoing(worker)) == message(MessageKind.STOP, EVERY_DEVICE, b"enough")
 
 
+class Interrupted(dict[int, Any]):
+    """Dictionary from which an item is taken only after a call of a function in another thread."""
+
+    def __init__(self, function: Callable[[], None]) -> None:
+        super().__init__()
+        self._waiting = [function]
+
+    def popitem(self) -> tuple[int, Any]:
+        while self._waiting:
+            self._waiting.pop()()
+        return super().popitem()
+
+
+def test_a_moment_queued_after_a_pause_is_sent_with_the_places_of_its_scene(
+    client: LiveClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The writing thread is halted between its look at the silences and the taking of values."""
+    pipe = client.pipe
+    worker: Any = pipe.worker
+    places: list[Any] = []
+
+    def packed(_moment: LiveFrame, used: Any) -> bytes:
+        places.append(used)
+        return b"a moment"
+
+    def describe() -> None:
+        client.pause()
+        pipe.places = {("of", "the new scene"): 0}  # type: ignore[dict-item]
+        client.show(LiveFrame(1.0, []))
+
+    monkeypatch.setattr(host_pipe, "encode_live_frame", packed)
+    pipe.newest = Interrupted(describe)
+    written = pipe.outgoing(worker)
+    client.heartbeat()
+    kinds = [item.kind for item in messages(io.BytesIO(next(written)))]
+    assert kinds == [MessageKind.HEARTBEAT, MessageKind.PAUSE]
+    client.heartbeat()  # wakes the thread once more
+    assert next(written) == message(MessageKind.MOMENT, EVERY_DEVICE, b"a moment")
+    assert places == [pipe.places]
+
+
+def test_a_stop_of_one_device_leaves_the_values_of_further_devices(
+    client: LiveClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client.devices["belt"] = DeviceState(2, "belt", "armed")
+    pipe = client.pipe
+    worker: Any = pipe.worker
+
+    def packed(*_: Any) -> bytes:
+        client.stop("band")
+        return b"a moment"
+
+    monkeypatch.setattr(host_pipe, "encode_live_frame", packed)
+    client.send("band", playing())
+    client.send("belt", playing())
+    client.show(LiveFrame(0.0, []))
+    devices = [item.device for item in messages(io.BytesIO(next(pipe.outgoing(worker))))]
+    assert devices == [2, EVERY_DEVICE]
+
+
 @pytest.mark.parametrize(
     "body",
     [b"\xff", b"nonsense", b"[]", b"3", b'{"event": "armed"}', b'{"event": 1, "device": "x"}'],

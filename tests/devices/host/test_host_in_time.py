@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -366,6 +367,67 @@ def test_a_silence_of_one_device_ahead_leaves_further_devices() -> None:
     second.thread.feed(frame())
     run([session.played, second], 0.1)
     assert not session.played.port.is_loud() and second.port.is_loud()
+
+
+class Released:
+    """Stand-in for a lock: calls a function once, as soon as the lock is free."""
+
+    def __init__(self, function: Callable[[], None]) -> None:
+        self._waiting = [function]
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None:
+        while self._waiting:
+            self._waiting.pop()()
+
+
+@pytest.mark.parametrize("kind", [MessageKind.STOP, MessageKind.PAUSE])
+def test_a_silence_ahead_keeps_the_moment_sent_after_the_silence(
+    kind: MessageKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread of the second pipe is halted as soon as the first pipe can go on; a scene that
+    stands still sends no second moment."""
+    session = Session()
+    monkeypatch.setattr(session.host.rendering, "forget", session.shown.clear)
+    monkeypatch.setattr(session.host.rendering, "describe", lambda body: None)
+    session.stream(0.1)
+
+    def first_pipe() -> None:
+        session.receive(kind, EVERY_DEVICE, b"enough")
+        session.receive(MessageKind.ARM, EVERY_DEVICE)
+        session.receive(MessageKind.SCENE, EVERY_DEVICE)
+        session.receive(MessageKind.MOMENT, EVERY_DEVICE, b"moment")
+
+    monkeypatch.setattr(session.host, "_order", Released(first_pipe))
+    ahead(session, kind, EVERY_DEVICE)
+    assert [list(questions) for questions in session.shown] == [[1]]
+
+
+def test_a_pause_ahead_during_another_message_announces_work(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Blender may keep Python's lock from then on, so that the first pipe stays empty."""
+    session = Session()
+    session.stream(0.1)
+    pauses = [lambda: ahead(session, MessageKind.PAUSE, EVERY_DEVICE)]
+
+    class Ahead(Counter[tuple[MessageKind, int]]):
+        """Lets the other thread run after each look, where no lock holds that thread back."""
+
+        def __getitem__(self, key: tuple[MessageKind, int]) -> int:
+            found = super().__getitem__(key)
+            while pauses and not session.host._order.locked():
+                pauses.pop()()
+            return found
+
+    monkeypatch.setattr(session.host, "_ahead", Ahead())
+    session.receive(MessageKind.HEARTBEAT, EVERY_DEVICE)
+    while pauses:
+        pauses.pop()()
+    session.pass_time(2.0)
+    assert session.played.thread.is_armed
+    assert session.host.patience_s == PAUSE_S
 
 
 def test_a_moment_from_before_a_pause_ahead_asks_no_device() -> None:
