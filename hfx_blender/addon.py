@@ -2,6 +2,7 @@
 """Registers the add-on's modules with Blender, in order."""
 
 import atexit
+from contextlib import ExitStack
 from importlib.util import find_spec
 
 from . import cli, operators, ui
@@ -23,7 +24,8 @@ def register() -> None:
     """Register every module; in Blender's Python module, unregister at the end of the process.
 
     Blender's Python module shuts down after Python. Classes still registered then hang the process
-    or crash Blender 4.5; a full Blender unregisters add-ons itself.
+    or crash Blender 4.5; a full Blender unregisters add-ons itself. After an exception of a module,
+    the earlier modules are unregistered.
 
     Raises ModuleNotFoundError in a Blender without NumPy.
     """
@@ -35,8 +37,11 @@ def register() -> None:
             ),
             name="numpy",
         )
-    for module in _MODULES:
-        module.register()
+    with ExitStack() as undo:
+        for module in _MODULES:
+            module.register()
+            undo.callback(module.unregister)
+        undo.pop_all()
     if not inside_blender():
         atexit.register(unregister)
 

@@ -4,10 +4,11 @@
 from pathlib import Path
 from typing import Final
 
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Column, Raster
 from ...files.atomic import atomic_file
 from ..registry import FORMATS
-from ..written import single_file
+from ..written import Written
 
 SUFFIX: Final = FORMATS["csv"].suffix
 _BLOCK_ROWS = 4096
@@ -38,4 +39,8 @@ def write(raster: Raster, path: Path) -> None:
             file.write("".join(lines).encode())
 
 
-export: Final = single_file(write, SUFFIX)
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
+    """Write the output of a device exactly as ``stem.csv``; ``tolerance`` is not used."""
+    path = stem.with_name(stem.name + SUFFIX)
+    write(raster, path)
+    return Written((path,))

@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import write_npz
+from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...files import limits
 from ...files.atomic import atomic_file
 from ..registry import FORMATS
-from ..written import single_file
+from ..written import Written
 
 SUFFIX: Final = FORMATS["npz"].suffix
 FORMAT: Final = "hfx-raster"
@@ -62,4 +63,8 @@ def write(raster: Raster, path: Path) -> None:
         write_npz(file, arrays, is_compressed=True)
 
 
-export: Final = single_file(write, SUFFIX)
+def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
+    """Write the output of a device exactly as ``stem.raster.npz``; ``tolerance`` is not used."""
+    path = stem.with_name(stem.name + SUFFIX)
+    write(raster, path)
+    return Written((path,))

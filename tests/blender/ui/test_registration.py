@@ -72,6 +72,21 @@ def test_off_is_as_if_it_had_never_been_there(unregistered: None) -> None:
     assert not any(traces.values()), traces
 
 
+def test_a_failing_registration_leaves_no_trace(
+    unregistered: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Classes that stay registered hang a process of Blender 4.5's Python module at its end."""
+
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):
+        patch.setattr(cli, "register", fail)  # of the last module
+        hfx_blender.register()
+    traces = _traces()
+    assert not any(traces.values()), traces
+
+
 def test_a_blender_without_numpy_is_refused_with_the_package_to_install(
     unregistered: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
