@@ -6,7 +6,6 @@ the set. The effect at a vertex is weight times level times the strength paramet
 times the difference from neutral).
 """
 
-from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
@@ -16,14 +15,13 @@ import numpy.typing as npt
 
 from ..engine.arrays import F32, I32
 from ..engine.modality import MODALITIES
-from ..engine.rendering.device_config import DeviceConfig
 from ..engine.rendering.render import blocks
 from ..engine.samples import SampleRun, Stream
 from ..engine.track import TrackHeader, TrackReader
 from ..files.atomic import atomic_file
 from ..files.strict_json import clean, encoded
 from .registry import FORMATS
-from .written import Written
+from .written import single_file
 
 SUFFIX: Final = FORMATS["jsonl"].suffix
 FORMAT: Final = "hfx-samples"
@@ -61,13 +59,7 @@ def write(track: TrackReader, path: Path) -> None:
                 file.write(encoded(_sample(run, k, last[run.stream][1])))
 
 
-def export(
-    track: TrackReader, devices: Sequence[DeviceConfig], stem: Path, tolerance: float
-) -> Written:
-    """Write a track as ``stem.samples.jsonl``; ``devices`` and ``tolerance`` are not used."""
-    path = stem.with_name(stem.name + SUFFIX)
-    write(track, path)
-    return Written((path,))
+export: Final = single_file(write, SUFFIX)
 
 
 def _header(header: TrackHeader) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +34,18 @@ class Written:
         """Copy with a title and a colon before every sentence of ``left_out`` and ``notes``."""
         left_out = tuple(f"{title}: {loss}" for loss in self.left_out)
         return Written(self.files, left_out, tuple(f"{title}: {note}" for note in self.notes))
+
+
+def single_file(write: Callable[[Any, Path], None], suffix: str) -> Callable[..., Written]:
+    """Make a ``write_track`` or ``write_raster`` of a format that stores its content exactly, as
+    ``stem<suffix>``; the arguments for devices and tolerance are not used."""
+
+    def export(content: Any, _devices: Any, stem: Path, _tolerance: float) -> Written:
+        path = stem.with_name(stem.name + suffix)
+        write(content, path)
+        return Written((path,))
+
+    return export
 
 
 def write_json(document: Any, path: Path) -> None:

@@ -4,11 +4,10 @@
 from pathlib import Path
 from typing import Final
 
-from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Column, Raster
 from ...files.atomic import atomic_file
 from ..registry import FORMATS
-from ..written import Written
+from ..written import single_file
 
 SUFFIX: Final = FORMATS["csv"].suffix
 _BLOCK_ROWS = 4096
@@ -39,8 +38,4 @@ def write(raster: Raster, path: Path) -> None:
             file.write("".join(lines).encode())
 
 
-def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
-    """Write the output of a device exactly as ``stem.csv``; ``tolerance`` is not used."""
-    path = stem.with_name(stem.name + SUFFIX)
-    write(raster, path)
-    return Written((path,))
+export: Final = single_file(write, SUFFIX)

@@ -12,12 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ...engine.arrays import write_npz
-from ...engine.rendering.device_config import DeviceConfig
 from ...engine.rendering.raster import Raster
 from ...files import limits
 from ...files.atomic import atomic_file
 from ..registry import FORMATS
-from ..written import Written
+from ..written import single_file
 
 SUFFIX: Final = FORMATS["npz"].suffix
 FORMAT: Final = "hfx-raster"
@@ -63,8 +62,4 @@ def write(raster: Raster, path: Path) -> None:
         write_npz(file, arrays, is_compressed=True)
 
 
-def export(raster: Raster, device: DeviceConfig, stem: Path, tolerance: float) -> Written:
-    """Write the output of a device exactly as ``stem.raster.npz``; ``tolerance`` is not used."""
-    path = stem.with_name(stem.name + SUFFIX)
-    write(raster, path)
-    return Written((path,))
+export: Final = single_file(write, SUFFIX)
