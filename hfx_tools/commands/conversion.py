@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
@@ -37,6 +38,7 @@ from hfx_blender.formats.writing import write, write_signals
 from hfx_blender.formats.written import Written, part_path
 
 from ..formats import raster_rules
+from ..formats.companions import meshes_of
 from ..formats.hmpg import hmpg_files
 from ..formats.signal_raster import RATE_HZ, raster_of
 from ..formats.validation import fault_of
@@ -54,6 +56,7 @@ TARGETS: Final = tuple(
 _START_BYTES: Final = 1 << 16  # bytes compared with those that HFX writes first
 _READ_AGAIN: Final = 64 << 20  # bytes
 _DOCUMENTS: Final = {"hjif", "hmpg"}  # two forms of one document
+_DOCUMENT_SUFFIXES: Final = {FORMATS[id].suffix for id in _DOCUMENTS}
 _BY_ROWS: Final = tuple(FORMATS[id].suffix for id in ("csv", "npz", "wav"))
 
 
@@ -120,6 +123,14 @@ def convert(
             raise InputError(f"{source}: {'; '.join(written.left_out)}.")
         for path in written.files:
             _refuse_invalid(source, path, target.parent / path.name)
+        kinds = {info.suffix, source.suffix.lower()}
+        if device is None and hmpg_files.SUFFIX in kinds and kinds <= _DOCUMENT_SUFFIXES:
+            # The document's vertices are those of meshes beside the source.
+            meshes = [
+                path for path in meshes_of(source) if not (target.parent / path.name).exists()
+            ]
+            copies = [Path(shutil.copyfile(path, stage / path.name)) for path in meshes]
+            written = replace(written, files=(*written.files, *copies))
         finals = [target.parent / path.name for path in written.files]
         _refuse_foreign_files(finals, named)
         files = place(written.files, target.parent)

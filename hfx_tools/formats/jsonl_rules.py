@@ -34,6 +34,7 @@ from hfx_blender.formats.jsonl_samples import FORMAT
 _TOLD_AFTER: Final = 1 << 20  # bytes between two reports of progress
 _TEXT = Text()
 _SHARE = Number(0.0, 1.0)
+_ROUNDING: Final = 1e-4  # of limits in 32 bits, and of directions
 _LINES: Final[dict[str, Shape]] = {
     "header": strict(
         {
@@ -185,6 +186,7 @@ class _Rules:
             self._models = {model["id"]: model["vertex_count"] for model in value["models"]}
             self._effects = {effect["id"]: effect for effect in value["effects"]}
             self._bodies = {body["id"] for body in value["bodies"]}
+            self._check_header(value, place)
         elif kind == "set":
             vertices, number = value["vertices"], value["set"]
             if len(vertices) != len(value["weights"]):
@@ -200,6 +202,24 @@ class _Rules:
             self._check_sample(value, place)
         return True
 
+    def _check_header(self, value: dict[str, Any], place: Place) -> None:
+        """Report equal ids in a list, an unknown model of an effect, and actuators of an effect of
+        another kind."""
+        for key in ("models", "bodies", "effects"):
+            twice = [id for id, count in Counter(x["id"] for x in value[key]).items() if count > 1]
+            if twice:
+                message = f"the id '{twice[0][:60]}' is there twice, allowed is once"
+                self._report.error("ID-DUPLICATE", (place, key), message)
+        for k, effect in enumerate(value["effects"]):
+            here = ((place, "effects"), k)
+            if effect["model"] not in self._models:
+                message = f"is '{effect['model'][:60]}', allowed is the id of a model"
+                self._report.error("MODEL", (here, "model"), message)
+            for key in ("device", "actuators"):
+                if (key in effect) != (effect["kind"] == "actuators"):
+                    message = f"'{key}' is there for the kind actuators, and for no other kind"
+                    self._report.error("KIND", here, message)
+
     def _check_sample(self, value: dict[str, Any], place: Place) -> None:
         """Report a sample with a descending time, unknown ids or set, or wrong parameters."""
         if value["t"] < self._time_s:
@@ -213,6 +233,20 @@ class _Rules:
         expected = MODALITIES[effect["modality"]].parameter_names
         if tuple(value["parameters"]) != expected:
             self._report.error("SAMPLE-PARAMETERS", place, f"expected {', '.join(expected)}")
+        for parameter in MODALITIES[effect["modality"]].parameters:
+            found = value["parameters"].get(parameter.name, parameter.default)
+            low, high = parameter.minimum, parameter.maximum
+            if not low - _ROUNDING <= found <= high + _ROUNDING:
+                here = ((place, "parameters"), parameter.name)
+                message = f"is {found:g}, allowed is {low:g} to {high:g} {parameter.unit}"
+                self._report.error("SAMPLE-RANGE", here, message.rstrip())
+        if "spot" in value and effect["kind"] != "spot":
+            self._report.error("KIND", place, f"'spot' of an effect of the kind {effect['kind']}")
+        count = len(effect.get("actuators", ()))
+        if len(value.get("actuators", ())) != count:
+            found = len(value.get("actuators", ()))
+            message = f"has {found} values, allowed is one for each of {count} actuators"
+            self._report.error("SAMPLE-ACTUATORS", (place, "actuators"), message)
         highest = self._sets.get(value["set"])
         if highest is None:
             self._report.error("SAMPLE-SET", place, f"there is no set {value['set']} before it")

@@ -12,13 +12,16 @@ from hfx_blender.files.strict_json import read_data
 from hfx_blender.formats.files import decoded, failure, findings_of, first_error, format_of
 from hfx_blender.formats.registry import FORMATS, FormatInfo
 
+from . import companions
 
-def validate(path: Path) -> tuple[FormatInfo, list[Finding]]:
+
+def validate(path: Path, *, is_alone: bool = False) -> tuple[FormatInfo, list[Finding]]:
     """Return the format and the findings of a file, in file order; none: valid.
 
     A file beyond parsing has a single finding: ``<FORMAT>-LARGE`` beyond a limit of size,
     ``-CONTENT`` in a format without a check of its own (its reader's error), else ``-UNREADABLE``.
     Envelopes of a file without errors are decoded too, to find a file beyond the reader's limits.
+    Unless ``is_alone``, its name and the files that it belongs to are compared with its content.
     Raises InputError if the path is missing, unreadable or of an unknown format.
     """
     refuse_no_file(path)
@@ -38,10 +41,12 @@ def validate(path: Path) -> tuple[FormatInfo, list[Finding]]:
             decoded(info, content, str(path))
         except InputError as error:
             return info, [failure(info, error, path)]
+    if not is_alone and not any(finding.severity == "error" for finding in findings):
+        findings = [*findings, *companions.findings_of(info, path)]
     return info, findings
 
 
 def fault_of(path: Path) -> str:
-    """First error of a file as "place: message [code]"; empty for a valid file. Raises InputError
-    for an unreadable or unknown file."""
-    return first_error(validate(path)[1])
+    """First error of a file by itself as "place: message [code]"; empty for a valid file. Raises
+    InputError for an unreadable or unknown file."""
+    return first_error(validate(path, is_alone=True)[1])

@@ -26,7 +26,7 @@ NAMES = st.text(max_size=12)
 
 
 def made(values, names, felt):
-    columns = tuple(Column(name, "pressure_kpa", "kPa") for name in names)
+    columns = tuple(Column(name, "own", "kPa") for name in names)
     return Raster(
         device_id="vest Zoë",
         body_id="手",

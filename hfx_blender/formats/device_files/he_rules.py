@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from ...files.findings import Finding, Report, json_validator
 from ...files.json_shapes import Anything, Items, Number, Record, Shape, Text, check, loose
-from ...files.strict_json import Place, encoded
+from ...files.strict_json import Place
 
 MAX_PATTERN_EVENTS: Final = 16
 MAX_RELATIVE_MS: Final = 50_000
@@ -189,7 +189,7 @@ class PatternSpacing:
 
 
 def _check_openharmony(document: dict[str, Any], report: Report) -> None:
-    """Report more than 128 events or 64 KiB, a wrong channel count, and faults of events."""
+    """Report more than 128 events, a wrong channel count, and faults of events."""
     count = sum(len(channel["Pattern"]) for channel in document["Channels"])
     if count > OPENHARMONY_MAX_EVENTS:
         message = f"{count} events, the most is {OPENHARMONY_MAX_EVENTS}"
@@ -199,9 +199,6 @@ def _check_openharmony(document: dict[str, Any], report: Report) -> None:
             f"says {document['MetaData']['ChannelNumber']}, there are {len(document['Channels'])}"
         )
         report.error("CHANNELS", ((None, "MetaData"), "ChannelNumber"), message)
-    size = len(encoded(document))
-    if size > OPENHARMONY_MAX_BYTES:
-        report.error("BYTES", None, f"{size} bytes, the most is {OPENHARMONY_MAX_BYTES}")
     for k, channel in enumerate(document["Channels"]):
         location = (((None, "Channels"), k), "Pattern")
         _check_events(channel["Pattern"], location, report, "StartTime", most=math.inf)

@@ -169,14 +169,15 @@ def _findings(document: Any) -> list[Finding]:
             report.error("STREAM", location, message)
         if len(kinds) == 1 and kinds != ["NONE"]:
             report.error("STREAM", location, "a single frame has the type NONE")
-        last = -1
+        last = end = -1
         for i, frame in enumerate(channel["frames"]):
-            if frame["start"] <= last:
-                message = "begins before the end of the last frame or at its start"
+            if frame["start"] <= last or frame["start"] < end - 1:  # rounded
+                message = f"begins at {frame['start']} ns, allowed is {end}, the last end, or later"
                 report.error("ORDER", (location, i), message)
-            last = frame["start"]
+            last = end = frame["start"]
             for name in ("amplitudePoints", "frequencyPoints", "transients"):
                 times = [point["time"] for point in frame.get(name, [])]
+                end = max(end, *(last + time for time in times), last)
                 if any(b < a for a, b in pairwise(times)):
                     report.error("POINT-ORDER", ((location, i), name), "its times descend")
     return report.findings

@@ -279,7 +279,15 @@ def _check_effect(
         _check_content(effect, place, report, band)
     if band == "WaveletWave" and effect.get("keyframes"):
         report.error("WAVELET-KEYFRAMES", (place, "keyframes"), "a wavelet has no keyframes")
+    last = dict.fromkeys(("amplitude_modulation", "frequency_modulation"), 0)
     for k, keyframe in enumerate(effect.get("keyframes", ())):
+        at = keyframe.get("relative_position", 0)
+        latest = max((last[key] for key in last if key in keyframe), default=0)
+        # Ticks of a transient band are played one by one, in any order.
+        if at < latest and band != "Transient":
+            here = (((place, "keyframes"), k), "relative_position")
+            report.error("KEYFRAME-ORDER", here, f"is {at}, allowed is {latest} or more")
+        last |= {key: at for key in last if key in keyframe}
         if isinstance(keyframe.get("frequency_modulation"), float):
             here = (((place, "keyframes"), k), "frequency_modulation")
             report.warn("REFERENCE-WHOLE", here, "the reference software needs a whole number")

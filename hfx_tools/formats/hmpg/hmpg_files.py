@@ -6,6 +6,7 @@ The writers compose a HJIF document as for ``.hjif`` files, and encode it.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -41,6 +42,13 @@ def validate(content: bytes, name: str) -> list[Finding]:
     for finding in hjif_rules.findings(document):
         code = finding.code.replace("HJIF-", "HMPG-", 1)
         findings.append(replace(finding, code=code))
+    channels = Counter(
+        channel.get("id") for item in document["perceptions"] for channel in item["channels"]
+    )
+    for id, count in channels.items():
+        if count > 1:
+            message = f"{count} channels have the id {id}: MPEG's reader takes them for one"
+            findings.append(Finding("HMPG-CHANNEL-ID", "", message, "warning"))
     return findings
 
 
