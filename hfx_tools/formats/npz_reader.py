@@ -49,8 +49,8 @@ _DOCUMENT = strict(
                     "modality": _TEXT,
                     "reason": Text(get_args(Reason)),
                     "samples": Number(0, is_whole=True),
-                    "share": Number(),
-                    "seconds": Number(),
+                    "share": Number(0.0, 1.0),
+                    "seconds": Number(0.0),
                 }
             )
         ),
@@ -129,6 +129,17 @@ def _decoded(archive: zipfile.ZipFile, name: str) -> Raster:
         ),
     )
     raster_rules.refuse(raster, name)
+    for k, stream in enumerate(raster.felt):
+        indices, rows = stream.indices, len(raster.times_s)
+        is_bad = (indices < 0) | (indices >= rows) | (np.diff(indices, prepend=-1) <= 0)
+        if is_bad.any():
+            place = int(np.argmax(is_bad))
+            raise InputError(
+                f"{name}: 'felt.{k}.indices' is {indices[place]} at {place}, allowed are ascending "
+                f"rows from 0 to {rows - 1}."
+            )
+        if not np.isfinite(stream.strengths).all():
+            raise InputError(f"{name}: 'felt.{k}.strengths' has numbers that are not finite.")
     return raster
 
 
@@ -152,7 +163,7 @@ def _refuse_shapes(heads: Mapping[str, _Head], meta: Mapping[str, Any], name: st
         first = heads.get(f"felt.{k}.indices")
         for array_name, kind in FELT_ARRAYS.items():
             head = heads.get(f"felt.{k}.{array_name}")
-            if head is None or first is None or head != (first[0], np.dtype(kind)):
+            if not head or not first or len(first[0]) != 1 or head != (first[0], np.dtype(kind)):
                 raise InputError(f"{name}: the arrays 'felt.{k}' are missing or do not fit.")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -188,3 +189,25 @@ def test_times_at_the_ends_of_all_numbers_are_refused_without_a_warning():
     text = b"time_s,a.pressure_kpa [kPa]\n-1.7e308,1\n0,1\n1.7e308,1\n"
     with pytest.raises(InputError, match="evenly"):
         csv_reader.decode(text, "x")
+
+
+@pytest.mark.parametrize("indices", [[0, 3], [1, 0], [1, 1], [-1, 0]])
+def test_felt_samples_are_ascending_rows(tmp_path, indices):
+    stream = FeltStream(
+        Stream("e", "b", "wind", "m"), np.array(indices), np.ones(2), np.ones(2, bool)
+    )
+    npz_raster.write(made(np.zeros((3, 1)), ["a"], (stream,)), tmp_path / "x.raster.npz")
+    with pytest.raises(InputError, match=r"'felt.0.indices' is .*, allowed are .* 0 to 2"):
+        npz_reader.read(tmp_path / "x.raster.npz")
+    stream = replace(stream, indices=np.array([0, 2]))
+    npz_raster.write(made(np.zeros((3, 1)), ["a"], (stream,)), tmp_path / "x.raster.npz")
+    assert len(npz_reader.read(tmp_path / "x.raster.npz").felt) == 1
+
+
+def test_an_archive_without_an_actuator_of_a_column_is_refused(tmp_path):
+    raster = replace(made(np.zeros((3, 1)), ["a"], ()), actuators=("b",))
+    npz_raster.write(raster, tmp_path / "x.raster.npz")
+    with pytest.raises(
+        InputError, match=r"'a.own \[kPa\]' is of an actuator that 'actuators' lacks"
+    ):
+        npz_reader.read(tmp_path / "x.raster.npz")
