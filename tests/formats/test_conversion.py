@@ -145,7 +145,7 @@ def test_a_track_goes_to_everything(tmp_path):
     with pytest.raises(InputError, match="not those of the device"):
         convert(tmp_path / "y.csv", tmp_path / "w.npz", to="npz", device="insoles")
     table = (tmp_path / "y.csv").read_bytes()
-    (tmp_path / "y.csv").write_bytes(table.replace(b"[m/s^2]", b"[g]", 1))
+    (tmp_path / "y.csv").write_bytes(table.replace(b"amplitude_m_s2 [m/s^2]", b"own [g]", 1))
     with pytest.raises(InputError, match=r"column 1 is '\S+ \[g\]', expected is '\S+ \[m/s\^2\]'"):
         convert(tmp_path / "y.csv", tmp_path / "w.npz", to="npz", device="back_pad")
     with pytest.raises(UsageError, match="choose one with --device"):

@@ -262,6 +262,14 @@ def test_files_accepted_by_the_reference_software_are_valid_with_a_warning(code)
     assert any(f"[{code}]" in note for note in notes)
 
 
+@pytest.mark.parametrize(("part", "is_read"), [("Hand", True), ("Upper", False), ("Toe", True)])
+def test_body_parts_that_the_reference_software_cannot_read_are_a_warning(part, is_read):
+    """Its parts are Top and Down instead of Upper and Lower."""
+    document = sample()
+    at(document, C)["body_part_target"] = ["All", part]
+    assert codes(document) == ([] if is_read else ["HJIF-REFERENCE-CRASH"])
+
+
 def test_channels_of_several_perceptions_are_too_many_with_a_warning():
     document = sample()
     channels = [{**at(document, C), "id": k} for k in range(100)]
@@ -443,7 +451,9 @@ EFFECTS = record(
         "position": st.integers(0, 2**31),
         "phase": st.floats(0.0, 6.28),
         "base_signal": st.sampled_from(["Sine", "Square"]),
-        "keyframes": st.lists(KEYFRAMES, max_size=5),
+        "keyframes": st.lists(KEYFRAMES, max_size=5).map(
+            lambda items: sorted(items, key=lambda item: item.get("relative_position", 0))
+        ),
     }
 )
 BANDS = record(

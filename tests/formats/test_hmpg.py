@@ -33,6 +33,7 @@ from hfx_tools.formats.hmpg import bits, syntax
 from hfx_tools.formats.hmpg.hmpg_files import validate
 from hfx_tools.formats.hmpg.hmpg_reader import decode, document_of
 from hfx_tools.formats.hmpg.hmpg_writer import encoded
+from hfx_tools.formats.validation import fault_of
 
 # --- a stream by hand -----------------------------------------------------------------------
 
@@ -494,10 +495,10 @@ def test_hjif_to_hmpg_and_back(tmp_path, capsys):
     (tmp_path / "x.hjif").write_bytes(as_json(sample()))
     code, out, err = run(capsys, "convert", tmp_path / "x.hjif", tmp_path / "y.hmpg")
     assert code == 0 and "amplitudes in 8 bits" in out and "actuator types" in err
-    assert run(capsys, "validate", tmp_path / "y.hmpg")[0] == 0
+    assert fault_of(tmp_path / "y.hmpg") == ""  # apart from its mesh, which is not there
     assert run(capsys, "convert", tmp_path / "y.hmpg", tmp_path / "z.hjif")[0] == 0
     close(json.loads((tmp_path / "z.hjif").read_bytes()), as_stored(sample()))
-    assert run(capsys, "validate", tmp_path / "z.hjif")[0] == 0
+    assert fault_of(tmp_path / "z.hjif") == ""
     code, out, _ = run(capsys, "info", tmp_path / "y.hmpg")
     assert code == 0 and "MPEG HMPG" in out and "chest" in out
     # A file that is a quarter of the text, or less.

@@ -45,7 +45,9 @@ def _written(folder: Path, rows: int, formats=OF_DEVICES):
 
 def _assert_readable(path: Path) -> None:
     info, findings = validate(path)
-    assert [finding for finding in findings if finding.severity == "error"] == [], path
+    # A mesh beyond the limit is left out, and the export reports this.
+    errors = [finding.code for finding in findings if finding.severity == "error"]
+    assert [code for code in errors if code != "HJIF-MESH"] == [], path
     if info.facts:
         info.function("facts")(path)
     if info.id == "clip":

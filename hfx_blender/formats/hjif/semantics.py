@@ -39,6 +39,8 @@ SEMANTICS: Final = frozenset(
 
 # Modalities of the schema at which the reference software ends with an exception (out_of_range).
 _CRASHING: Final = ("Humidity", "User-defined Temporal", "User-defined Spatial")
+# Body parts of the schema that the reference software has under another name, with the same end.
+_CRASHING_PARTS: Final = ("Upper", "Lower", "Index-Toe", "Middle-Toe", "Ring-Toe", "Pinky-Toe")
 # RFC 3986: unreserved and reserved characters; a percent sign precedes two hexadecimal digits.
 _URI: Final = re.compile(r"(?:[A-Za-z0-9._~:/?#\[\]@!$&'()*+,;=-]|%[0-9A-Fa-f]{2})+")
 _YEAR: Final = re.compile(r"[0-9]{4}")
@@ -204,6 +206,10 @@ def _check_channel(channel: dict[str, Any], place: Place, report: Report) -> Non
     elif "actuator_target" in channel:
         message = "'actuator_resolution' is missing"
         report.error("ACTUATOR-TARGET", (place, "actuator_target"), message)
+    for k, part in enumerate(channel.get("body_part_target", ())):
+        if part in _CRASHING_PARTS:
+            here = ((place, "body_part_target"), k)
+            report.warn("REFERENCE-CRASH", here, f"the reference software cannot read {part}")
     direction = channel.get("direction")
     if direction is not None:
         length = math.sqrt(sum(direction[axis] ** 2 for axis in "XYZ")) / 127.0
