@@ -53,8 +53,13 @@ def _check_name(info: FormatInfo, path: Path, report: Report) -> None:
     """Report content of the format ``info`` under the name of another format with marks."""
     named = _named(path)
     if named is not None and named.marks and named.id != info.id:
-        message = f"is {info.title}, allowed in a file *{named.suffix} is {named.title}"
-        report.error("NAME", None, message)
+        _tell_name(info.id, named, report)
+
+
+def _tell_name(id: str, named: FormatInfo, report: Report) -> None:
+    """Report content of the format ``id`` under a name of the format ``named``."""
+    message = f"the content is {FORMATS[id].title}, allowed in a *{named.suffix} is {named.title}"
+    report.error("NAME", None, message)
 
 
 def _check_pattern(path: Path, report: Report) -> None:
@@ -64,8 +69,7 @@ def _check_pattern(path: Path, report: Report) -> None:
     document = parse(content, str(path))
     kind, named = _kind_of_pattern(document), _named(path)
     if named is not None and kind not in _HE_NAMES.get(named.id, (kind,)):
-        message = f"is {FORMATS[kind].title}, allowed in a file *{named.suffix} is {named.title}"
-        report.error("NAME", None, message)
+        _tell_name(kind, named, report)
     most = he_rules.OPENHARMONY_MAX_BYTES
     if kind == "openharmony" and len(content) > most:
         report.error("BYTES", None, f"is {len(content)} bytes, allowed are up to {most}")

@@ -13,7 +13,7 @@ from hfx_blender.formats.files import read_signals
 from hfx_blender.formats.glb import glb
 from hfx_blender.formats.hjif.body_parts import described
 
-from . import clip_rules
+from . import clip_rules, companions
 from .clip_reader import texts_at
 from .hmpg.hmpg_files import document_at
 from .validation import validate
@@ -26,11 +26,14 @@ def facts_of(path: Path) -> dict[str, Any]:
     a row per signal. Errors of formats with ``decode`` are only counted, as readers tolerate some.
     Raises InputError for invalid files of further formats, and for unknown or unreadable files.
     """
-    info, findings = validate(path)
+    info, findings = validate(path, is_alone=True)
     errors = [finding for finding in findings if finding.severity == "error"]
     # Readers of envelopes tolerate some errors, others would fail on them.
     if not info.decode and info.id != "hmpg":
         refuse_errors(errors, str(path))
+    if not errors:
+        beside = companions.findings_of(info, path)
+        errors = [finding for finding in beside if finding.severity == "error"]
     facts: dict[str, Any] = {
         "file": str(path),
         "format": info.title,

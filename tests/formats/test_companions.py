@@ -19,6 +19,7 @@ from hfx_blender.formats.files import format_of
 from hfx_blender.formats.glb.glb import Document
 from hfx_tools.commands.conversion import convert
 from hfx_tools.formats import csv_reader, glb_rules, jsonl_rules
+from hfx_tools.formats.facts import facts_of
 from hfx_tools.formats.hmpg import hmpg_writer
 from hfx_tools.formats.validation import fault_of, validate
 
@@ -168,6 +169,7 @@ def test_the_content_is_of_the_format_in_the_name(
 ) -> None:
     path = tmp_path / name
     path.write_bytes(encoded(document))
+    assert facts_of(path)["valid"].partition(",")[0] == ("yes" if is_valid else "no")
     assert [code.partition("-")[2] for code in codes(path)] == ([] if is_valid else ["NAME"])
 
 
