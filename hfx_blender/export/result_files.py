@@ -24,6 +24,12 @@ if TYPE_CHECKING:
 _LONGEST_PART: Final = 255
 """Largest length of a file or folder name on Linux, bytes; longer names are system errors."""
 
+_NO_FOLDER: Final = re.compile(
+    r"^[. ]|[. ]$|^(?=(?:con|prn|aux|nul|(?:com|lpt)[0-9\u00b9\u00b2\u00b3]) *(?:\.|$)).", re.IGNORECASE
+)
+"""Characters that keep a part of a file name from being a folder's name: dots and spaces at the ends
+(".." and Windows), and the first letter of a device of Windows, such as CON or nul.txt."""
+
 _LONGEST_NAME: Final = 1020
 """Largest length of a listed name with its folders, at most three, bytes."""
 
@@ -49,8 +55,7 @@ def body_parts(bodies: Sequence[TrackBody]) -> dict[str, str]:
     if len(bodies) < 2:
         return dict.fromkeys((body.id for body in bodies), "")
     parts = distinct(body.name or body.id for body in bodies)
-    # Windows and ".." allow no dot or space at the start or end of a folder's name.
-    parts = [re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", part) for part in parts]
+    parts = [_NO_FOLDER.sub(lambda end: f"%{ord(end[0]):02X}", part) for part in parts]
     return {body.id: part for body, part in zip(bodies, parts, strict=True)}
 
 

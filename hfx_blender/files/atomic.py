@@ -9,6 +9,7 @@ import json
 import os
 import platform
 import secrets
+import shutil
 import stat
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -83,7 +84,7 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
     """Move finished files into a folder, in order, and return the new paths.
 
     Existing files are replaced. If a move fails, files already moved are moved back, and replaced
-    files restored where the file system has hard links; the error is raised. ``base`` is the root
+    files restored; the error is raised. ``base`` is the root
     of the relative paths to keep, with existing subfolders in ``folder``; without it all files go
     directly into ``folder``. All files are forced to the disk before the first move, except into
     folders of :func:`passing`. Raises OutputError for a file that cannot be
@@ -104,17 +105,19 @@ def move(files: Sequence[Path], folder: Path, base: Path | None = None) -> tuple
 
 def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -> None:
     """Give files their final names; after an error, replaced files are restored and new ones moved
-    back. Restoring needs hard links. ``is_durable`` forces the folders to the disk."""
+    back. ``is_durable`` forces the folders to the disk."""
     moved: list[tuple[Path, Path]] = []
     earlier: dict[Path, Path] = {}
+    second_names: list[Path] = []
     # All names change together from here on: a forced end of the process waits for the lock.
     placing.acquire()
     try:
         for file, target in zip(files, targets, strict=True):
             second_name = file.with_name(temporary_name(target.name))
             # A second name keeps a replaced file until all moves have succeeded.
-            with suppress(OSError):  # no file to replace, or no hard links
-                os.link(target, second_name, follow_symlinks=False)
+            if os.path.lexists(target):
+                second_names.append(second_name)
+                _keep(target, second_name)
                 earlier[target] = second_name
             # Atomic: other processes see the earlier or the new file, never a part.
             os.replace(file, target)
@@ -131,9 +134,18 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
                     os.replace(target, file)
         raise
     finally:
-        for second_name in earlier.values():
+        for second_name in second_names:
             _remove(second_name)
         placing.release()
+
+
+def _keep(path: Path, second_name: Path) -> None:
+    """Give a file a second name: by a hard link, or a copy on file systems without hard links, such
+    as FAT. Raises OSError if the file cannot be copied."""
+    try:
+        os.link(path, second_name, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(path, second_name, follow_symlinks=False)
 
 
 def _sync_file(path: Path) -> None:

@@ -52,15 +52,29 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
             if owner is not None:
                 with suppress(OSError):
                     os.close(owner)
+            _remove(stage)
+
+
+def _remove(stage: Path) -> None:
+    """Remove a staging folder, ``owner`` last; errors are ignored. Windows removes no file that is
+    open in another program: such a file stays with ``owner``, for :func:`remove_abandoned`."""
+    with suppress(OSError):
+        for path in stage.iterdir():
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            elif path.name != _OWNER:
+                with suppress(OSError):
+                    path.unlink()
+        if all(path.name == _OWNER for path in stage.iterdir()):
             shutil.rmtree(stage, ignore_errors=True)
 
 
-def remove_tree(folder: Path) -> None:
-    """Remove a folder, if present. Up to 20 tries with pauses of 10 ms, as other threads may write
-    into the folder; remaining files stay, without an error."""
+def remove_tree(stage: Path) -> None:
+    """Remove a staging folder, if present. Up to 20 tries with pauses of 10 ms, as other threads
+    may write into the folder; remaining files stay with ``owner``, without an error."""
     for _ in range(_TRIES):
-        shutil.rmtree(folder, ignore_errors=True)
-        if not folder.exists():
+        _remove(stage)
+        if not stage.exists():
             return
         time.sleep(_PAUSE_S)
 
@@ -74,7 +88,7 @@ def remove_abandoned(parent: Path) -> None:
                 if not stage.is_dir() or stage.is_symlink():
                     continue
                 if is_ownerless(stage / _OWNER, _LOCKED):
-                    shutil.rmtree(stage, ignore_errors=True)
+                    _remove(stage)
                 elif time.time() - stage.stat().st_mtime > NEW_S:
                     stage.rmdir()  # fails unless empty: the maker was killed before the lock
 

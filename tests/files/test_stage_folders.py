@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -80,6 +81,30 @@ def test_that_of_another_machine_stays(
     monkeypatch.setattr(atomic.platform, "node", lambda: "elsewhere")
     staging.remove_abandoned(tmp_path)
     assert (left / "half").is_file()
+
+
+@pytest.mark.parametrize("name", ["held", "below/held"])
+def test_a_file_that_is_open_elsewhere_is_removed_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Windows refuses to remove the second name of a replaced track while a viewer has it open."""
+    unlink = os.unlink
+
+    def refuse(path: Any, **options: Any) -> None:
+        if os.path.basename(path) == "held":
+            raise PermissionError(errno.EACCES, "The process cannot access the file", str(path))
+        unlink(path, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "unlink", refuse)
+        with stage_folder(tmp_path, "scene") as stage:
+            (stage / name).parent.mkdir(exist_ok=True)
+            (stage / name).write_text("x")
+            (stage / "other").write_text("x")
+        staging.remove_abandoned(tmp_path)  # still open
+        assert (stage / name).is_file() and not (stage / "other").exists()
+    staging.remove_abandoned(tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("owner", [None, b"", b"locked\n", f"{platform.node()}\n".encode()])

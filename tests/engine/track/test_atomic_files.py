@@ -80,9 +80,11 @@ def test_a_folder_failing_to_sync_keeps_its_files(tmp_path, monkeypatch):
     assert names(tmp_path) == ["old"] and (tmp_path / "old").read_bytes() == b"old"
 
 
+@pytest.mark.parametrize("has_links", [True, False])
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_of_several_files_all_come_or_none(tmp_path, monkeypatch, number):
-    """Renaming one of three results fails; two results replace earlier files."""
+def test_of_several_files_all_come_or_none(tmp_path, monkeypatch, number, has_links):
+    """Renaming one of three results fails; two results replace earlier files. FAT and many network
+    file systems have no hard links."""
     stage, folder = tmp_path / "stage", tmp_path / "folder"
     stage.mkdir()
     folder.mkdir()
@@ -98,6 +100,11 @@ def test_of_several_files_all_come_or_none(tmp_path, monkeypatch, number):
             raise OSError(errno.EIO, "Input/output error", str(source), None, str(target))
         replace(source, target)
 
+    def no_link(source, target, **_):
+        raise OSError(errno.EPERM, "Operation not permitted", str(source), None, str(target))
+
+    if not has_links:
+        monkeypatch.setattr(os, "link", no_link)
     monkeypatch.setattr(os, "replace", fail)
     with passing(stage), pytest.raises(OSError, match="Input/output"):
         move([stage / name for name in "abc"], folder)
@@ -354,6 +361,23 @@ def test_two_sets_that_come_into_one_folder_at_once_do_not_mix(tmp_path, monkeyp
 )
 def test_a_report_names_nothing_outside_its_folder(tmp_path, name):
     assert result_files.listed(tmp_path, name) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [
+        ("CON", "%43ON"),
+        ("nul.txt", "%6Eul.txt"),
+        ("Lpt1 .a", "%4Cpt1 .a"),
+        ("COM\u00b9", "%43OM\u00b9"),
+        ("console", "console"),
+        ("COM10", "COM10"),
+        ("my con", "my con"),
+    ],
+)
+def test_no_folder_has_the_name_of_a_device_of_windows(name: str, part: str) -> None:
+    bodies = [TrackBody("a", name), TrackBody("b", "other")]
+    assert result_files.body_parts(bodies) == {"a": part, "b": "other"}
 
 
 def test_names_of_folders_are_distinct_and_stay_inside():
