@@ -24,11 +24,10 @@ if TYPE_CHECKING:
 _LONGEST_PART: Final = 255
 """Largest length of a file or folder name on Linux, bytes; longer names are system errors."""
 
-_NO_FOLDER: Final = re.compile(
-    r"^[. ]|[. ]$|^(?=(?:con|prn|aux|nul|(?:com|lpt)[0-9\u00b9\u00b2\u00b3]) *(?:\.|$)).", re.IGNORECASE
-)
-"""Characters that keep a part of a file name from being a folder's name: dots and spaces at the ends
-(".." and Windows), and the first letter of a device of Windows, such as CON or nul.txt."""
+_DEVICE: Final = r"(?:con|prn|aux|nul|(?:com|lpt)[0-9\u00b9\u00b2\u00b3]) *(?:\.|$)"
+_NO_FOLDER: Final = re.compile(rf"^[. ]|[. ]$|^(?={_DEVICE}).", re.IGNORECASE)
+"""Characters that no folder's name has: dots and spaces at the ends ("..", Windows), and the first
+letter of a device of Windows, such as CON or nul.txt."""
 
 _LONGEST_NAME: Final = 1020
 """Largest length of a listed name with its folders, at most three, bytes."""

@@ -108,7 +108,6 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
     back. ``is_durable`` forces the folders to the disk."""
     moved: list[tuple[Path, Path]] = []
     earlier: dict[Path, Path] = {}
-    second_names: list[Path] = []
     # All names change together from here on: a forced end of the process waits for the lock.
     placing.acquire()
     try:
@@ -116,9 +115,11 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
             second_name = file.with_name(temporary_name(target.name))
             # A second name keeps a replaced file until all moves have succeeded.
             if os.path.lexists(target):
-                second_names.append(second_name)
-                _keep(target, second_name)
                 earlier[target] = second_name
+                try:
+                    os.link(target, second_name, follow_symlinks=False)
+                except OSError:  # a file system without hard links, such as FAT
+                    shutil.copy2(target, second_name, follow_symlinks=False)
             # Atomic: other processes see the earlier or the new file, never a part.
             os.replace(file, target)
             moved.append((file, target))
@@ -134,18 +135,9 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
                     os.replace(target, file)
         raise
     finally:
-        for second_name in second_names:
+        for second_name in earlier.values():
             _remove(second_name)
         placing.release()
-
-
-def _keep(path: Path, second_name: Path) -> None:
-    """Give a file a second name: by a hard link, or a copy on file systems without hard links, such
-    as FAT. Raises OSError if the file cannot be copied."""
-    try:
-        os.link(path, second_name, follow_symlinks=False)
-    except OSError:
-        shutil.copy2(path, second_name, follow_symlinks=False)
 
 
 def _sync_file(path: Path) -> None:

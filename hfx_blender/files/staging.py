@@ -56,17 +56,11 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
 
 
 def _remove(stage: Path) -> None:
-    """Remove a staging folder, ``owner`` last; errors are ignored. Windows removes no file that is
-    open in another program: such a file stays with ``owner``, for :func:`remove_abandoned`."""
-    with suppress(OSError):
-        for path in stage.iterdir():
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path, ignore_errors=True)
-            elif path.name != _OWNER:
-                with suppress(OSError):
-                    path.unlink()
-        if all(path.name == _OWNER for path in stage.iterdir()):
-            shutil.rmtree(stage, ignore_errors=True)
+    """Remove a staging folder; errors are ignored. Windows removes no file that is open in another
+    program: such a file stays, with an ``owner`` that no process locks."""
+    shutil.rmtree(stage, ignore_errors=True)
+    with suppress(OSError):  # usually the folder is gone
+        (stage / _OWNER).write_bytes(_LOCKED)
 
 
 def remove_tree(stage: Path) -> None:

@@ -12,24 +12,10 @@ from ...files.json_shapes import Items, Number, Record, Shape, Text, check
 from ...files.strict_json import parse
 from .semantics import check_semantics
 
-MODALITIES: Final = (
-    "Pressure",
-    "Acceleration",
-    "Velocity",
-    "Position",
-    "Temperature",
-    "Vibrotactile",
-    "Water",
-    "Wind",
-    "Force",
-    "Electrotactile",
-    "Vibrotactile Texture",
-    "Stiffness",
-    "Friction",
-    "Humidity",
-    "User-defined Temporal",
-    "User-defined Spatial",
-    "Other",
+MODALITIES: Final = tuple(
+    "Pressure,Acceleration,Velocity,Position,Temperature,Vibrotactile,Water,Wind,Force,"
+    "Electrotactile,Vibrotactile Texture,Stiffness,Friction,Humidity,User-defined Temporal,"
+    "User-defined Spatial,Other".split(",")
 )
 BODY_PART_TARGETS: Final = tuple(
     "Unknown,All,Upper,Lower,Right,Left,Front,Back,Arm,Head,Chest,Waist,Leg,Upper-arm,Forearm,"

@@ -12,6 +12,7 @@ from ...authoring import responses, volumes
 from ...authoring.effects import effect_values
 from ...blender.stored_values import limited
 from ...engine.arrays import F64, I64
+from ...engine.response_filters.controls import WIDTH
 from ...engine.scene import EffectBlock, PoseBlock, SkinBinding, SurfaceBinding
 from ...engine.volume.shape import Shape
 from ..description import area_values, response_values, visibility
@@ -139,21 +140,15 @@ class CurveEffect:
         return scaled
 
     def _response(self, sampled: F64) -> F64 | None:
-        """Controls (T, F, WIDTH) of the F active filters from sampled values (T, C), clamped to
-        hard limits, lengths in metres; without a curve the present value. None without filters."""
-        still = response_values.controls(self._hfx, self._unit_m)
-        if still is None:
-            return None
-        values = np.repeat(still[None], len(sampled), axis=0)
-        for f, (number, item) in enumerate(responses.active_filters(self._hfx)):
+        """Controls (T, F, WIDTH) of the F active filters by :meth:`_value`, lengths in metres,
+        unused columns 0; None without filters."""
+        active = responses.active_filters(self._hfx)
+        values = np.zeros((len(sampled), len(active), WIDTH))
+        for f, (number, item) in enumerate(active):
             for c, name in enumerate(responses.properties_of(item)):
-                column = self._place.values.columns.get((f"hfx.response[{number}].{name}", 0))
-                if column is not None:
-                    limits = item.bl_rna.properties[name]
-                    clipped = np.clip(sampled[:, column], limits.hard_min, limits.hard_max)
-                    unit = self._unit_m if name in responses.LENGTHS else 1.0
-                    values[:, f, c] = clipped.astype(np.float32).astype(np.float64) * unit
-        return values
+                unit = self._unit_m if name in responses.LENGTHS else 1.0
+                values[:, f, c] = self._value(f"response[{number}].{name}", sampled) * unit
+        return values if active else None
 
     def _value(self, name: str, sampled: F64) -> F64:
         """Values (T,) of ``hfx.<name>`` from sampled values (T, C), clamped to hard limits and
@@ -161,9 +156,8 @@ class CurveEffect:
         # Blender clamps evaluated values to the limits and stores float32: both are repeated here,
         # so that values equal those of a stepped scene.
         column = self._place.values.columns.get((f"hfx.{name}", 0))
-        owner = self._hfx
-        if area_values.is_drive(f"hfx.{name}"):
-            owner, name = owner.path_resolve(name.removesuffix(".value")), "value"
+        path, _, name = name.rpartition(".")
+        owner = self._hfx.path_resolve(path) if path else self._hfx
         if column is None:
             return np.full(len(sampled), limited(owner, name))
         limits = owner.bl_rna.properties[name]
