@@ -186,6 +186,11 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     """
     if not path.name:
         raise OutputError(f"'{path}' is no name of a file.")
+    try:
+        os.fsencode(path)
+    except UnicodeEncodeError as error:  # a ValueError, as for faults of content
+        reason = f"file names are {error.encoding} here, allowed is UTF-8: set LC_ALL=C.UTF-8"
+        raise OutputError(f"{path}: cannot be written ({reason}).") from error
     is_durable = not _is_passing(path.parent)
     temporary = path.with_name(temporary_name(path.name) if is_durable else f"{path.name}.tmp")
     raw: WatchedFile | None = None

@@ -20,8 +20,9 @@ _RETRY_S: Final = 0.01
 NEW_S: Final = 60.0
 """Largest age of an unlocked unfinished file of a possibly running process, seconds."""
 
-LOCKED_BYTE: Final = 4096
-"""Offset of the locked byte, behind the text: a locked byte cannot be read on Windows."""
+LOCKED_BYTE: Final = 2**31 - 2
+"""Offset of the locked byte, behind the content: on Windows no other descriptor can read a locked
+byte. The largest offset that ``msvcrt.locking`` takes is a signed 32-bit number."""
 
 
 def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
@@ -41,7 +42,7 @@ def is_ownerless(path: Path, ready: bytes | None = None) -> bool:
         is_new = time.time() - state.st_mtime < NEW_S
         if not stat.S_ISREG(state.st_mode):
             return False
-        if is_new and (ready is None or os.read(descriptor, LOCKED_BYTE) != ready):
+        if is_new and (ready is None or os.read(descriptor, len(ready) + 1) != ready):
             return False
         take_lock(descriptor, LOCKED_BYTE)
         return True

@@ -43,7 +43,8 @@ def stage_folder(parent: Path, name: str) -> Iterator[Path]:
     # The folder is locked by its file "owner"; the text "locked" in it states a taken lock.
     with atomic.unfinished(stage, remove_tree, partial(Path.mkdir, mode=0o700)):
         try:
-            owner = os.open(stage / _OWNER, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+            flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+            owner = os.open(stage / _OWNER, flags, 0o600)
             with suppress(OSError):  # without locks on a network file system, the folder stays
                 take_lock(owner, LOCKED_BYTE)
                 os.write(owner, _LOCKED)  # last; fails on a full disk

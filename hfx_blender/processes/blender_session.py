@@ -53,7 +53,10 @@ def refuse_name(path: Path) -> None:
     try:
         str(path).encode()
     except UnicodeEncodeError:
-        raise InputError(f"{path}: its name is not UTF-8, as allowed; rename it.") from None
+        encoding = sys.getfilesystemencoding()
+        is_utf_8 = encoding == "utf-8"
+        remedy = "rename it" if is_utf_8 else f"names are {encoding} here: set LC_ALL=C.UTF-8"
+        raise InputError(f"{path}: its name is not UTF-8, as allowed; {remedy}.") from None
 
 
 def open_blend(path: Path) -> None:

@@ -83,6 +83,23 @@ def test_that_of_another_machine_stays(
     assert (left / "half").is_file()
 
 
+def test_the_owner_of_a_stage_is_written_as_it_is_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows writes a line end of a file opened as text as two bytes."""
+    opened, flags = os.open, []
+
+    def watch(path: Any, flag: int, *mode: int, **options: Any) -> int:
+        flags.append(flag)
+        return opened(path, flag, *mode, **options)
+
+    monkeypatch.setattr(os, "O_BINARY", os.O_SYNC, raising=False)  # any flag without effect here
+    monkeypatch.setattr(os, "open", watch)
+    with stage_folder(tmp_path, "scene"):
+        made = [flag for flag in flags if flag & os.O_CREAT]
+    assert made and all(flag & os.O_SYNC == os.O_SYNC for flag in made)
+
+
 @pytest.mark.parametrize("name", ["held", "below/held"])
 def test_a_file_that_is_open_elsewhere_is_removed_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str

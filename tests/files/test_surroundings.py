@@ -126,3 +126,35 @@ def test_a_user_without_home_and_entry_can_validate(tmp_path: Path) -> None:
         timeout=60,
     )
     assert done.returncode == 0, done.stderr
+
+
+_WITHOUT_UTF_8 = """
+import sys
+from pathlib import Path
+from hfx_blender.errors import HfxError
+from hfx_blender.files.atomic import atomic_file
+from hfx_blender.processes.blender_session import refuse_name
+
+def write(path):
+    with atomic_file(path):
+        pass
+
+for call, name in ((write, "W\\u00e4rme.csv"), (refuse_name, sys.argv[2])):
+    try:
+        call(Path(sys.argv[1]) / name)
+    except HfxError as error:
+        print(ascii(str(error)))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has names in UTF-16")
+def test_without_utf_8_the_encoding_of_names_is_named(tmp_path: Path) -> None:
+    surroundings = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-c", _WITHOUT_UTF_8, str(tmp_path), "Zo\u00eb.blend"]
+    completed = subprocess.run(
+        command, env={**os.environ, **surroundings}, capture_output=True, text=True, check=True
+    )
+    unwritable, unreadable = completed.stdout.splitlines()
+    assert "cannot be written (file names are ascii here, allowed is UTF-8" in unwritable
+    assert "names are ascii here: set LC_ALL=C.UTF-8" in unreadable
+    assert not list(tmp_path.iterdir())
