@@ -53,10 +53,11 @@ def refuse_name(path: Path) -> None:
     try:
         str(path).encode()
     except UnicodeEncodeError:
-        encoding = sys.getfilesystemencoding()
-        is_utf_8 = encoding == "utf-8"
-        remedy = "rename it" if is_utf_8 else f"names are {encoding} here: set LC_ALL=C.UTF-8"
-        raise InputError(f"{path}: its name is not UTF-8, as allowed; {remedy}.") from None
+        if (encoding := sys.getfilesystemencoding()) != "utf-8":
+            raise InputError(
+                f"{path}: names are {encoding} here, allowed is UTF-8: set LC_ALL=C.UTF-8."
+            ) from None
+        raise InputError(f"{path}: its name is not UTF-8, as allowed; rename it.") from None
 
 
 def open_blend(path: Path) -> None:

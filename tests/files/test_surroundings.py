@@ -156,5 +156,5 @@ def test_without_utf_8_the_encoding_of_names_is_named(tmp_path: Path) -> None:
     )
     unwritable, unreadable = completed.stdout.splitlines()
     assert "cannot be written (file names are ascii here, allowed is UTF-8" in unwritable
-    assert "names are ascii here: set LC_ALL=C.UTF-8" in unreadable
+    assert "names are ascii here, allowed is UTF-8: set LC_ALL=C.UTF-8" in unreadable
     assert not list(tmp_path.iterdir())
