@@ -33,7 +33,6 @@ def name_key(name: str) -> str:
 
 _SHOWN: Final = 6
 
-
 MOST_NAMES: Final = 12
 """Largest number of names in a warning or line about many effects; the report file has all."""
 
@@ -50,7 +49,6 @@ def counted(names: Sequence[str], sentence: str) -> tuple[str, ...]:
 
 
 MOST_LINES: Final = 40  # largest number of warnings, and of notes, in a terminal or popup
-
 
 MOST_KEPT: Final = 1000  # largest number of warnings in a report file and in a track
 

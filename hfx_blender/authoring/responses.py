@@ -30,7 +30,6 @@ _PROPERTIES: Final = {
 }
 LENGTHS: Final = frozenset({"near", "far", "reach", "wavelength"})  # properties in Blender units
 
-
 PATH: Final = re.compile(r"hfx\.response\[(\d+)\]\.(\w+)$")
 """Data path of a filter's property; groups: index of the filter, and the property."""
 

@@ -27,7 +27,6 @@ from . import avatar_meshes, mesh_copies
 FIT = "hfx_fit"
 """ID property of an armature: its bones and meshes as they were, and the arrays of each model."""
 
-
 _ARRAYS = {
     "vertices": np.float32,
     "offsets": np.int32,

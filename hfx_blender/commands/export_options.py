@@ -218,7 +218,8 @@ def _refuse_result(options: argparse.Namespace) -> None:
     # both names may lead to the same file.
     for stem in [path.stem for path in options.scenes] or [open_stem()]:
         is_there = report.parent == folder or folder / stem in report.parents
-        is_result = report.name.startswith(f"{stem}.") and report.name.endswith(of_results)
+        name = name_key(report.name)
+        is_result = name.startswith(name_key(f"{stem}.")) and name.endswith(of_results)
         is_piece = report.parent == pieces_folder(folder, stem) and "-of-" in report.name
         if (is_there and is_result) or is_piece:
             raise UsageError(

@@ -12,6 +12,7 @@ import secrets
 import shutil
 import stat
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from ..errors import OutputError
+from ..text import name_key
 from . import limits
 from .locks import LOCKED_BYTE, folder_locked, is_ownerless, locked, take_lock
 
@@ -35,8 +37,13 @@ A forced end of the process waits for the lock and keeps it: no file is made aft
 _LONGEST_NAME: Final = 100  # of a name within a longer name; a file system allows 255 bytes
 _TOKEN_BYTES: Final = 8
 
-_inputs: dict[tuple[int, int], int] = {}
-"""Number of open :func:`inputs_kept` blocks for each protected (device, inode)."""
+_inputs: dict[tuple[int, int] | tuple[int, int, str], int] = {}
+"""Number of open :func:`inputs_kept` blocks for each protected (device, inode), and for each
+:func:`_place` of a protected file."""
+
+_IS_WINDOWS: Final = os.name == "nt"
+_BUSY_S: Final = 1.0
+_PAUSE_S: Final = 0.01
 
 _AT_ONCE: Final = 8  # parallel fsync calls: a disk writes several files in one pass
 
@@ -121,7 +128,7 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
                 except OSError:  # a file system without hard links, such as FAT
                     shutil.copy2(target, second_name, follow_symlinks=False)
             # Atomic: other processes see the earlier or the new file, never a part.
-            os.replace(file, target)
+            _rename(file, target)
             moved.append((file, target))
         for folder in dict.fromkeys(target.parent for target in targets) if is_durable else ():
             _sync_folder(folder)
@@ -138,6 +145,19 @@ def _replace(files: Sequence[Path], targets: Sequence[Path], is_durable: bool) -
         for second_name in earlier.values():
             _remove(second_name)
         placing.release()
+
+
+def _rename(path: Path, target: Path) -> None:
+    """Rename a file in place of ``target``. Tried for 1 s on Windows, where virus scanners and
+    indexers open each new file for a moment. Raises OSError."""
+    until = time.monotonic() + _BUSY_S
+    while True:
+        try:
+            return os.replace(path, target)
+        except PermissionError:
+            if not _IS_WINDOWS or time.monotonic() > until:
+                raise
+        time.sleep(_PAUSE_S)
 
 
 def _sync_file(path: Path) -> None:
@@ -269,13 +289,13 @@ def _remove_abandoned(path: Path) -> None:
 def inputs_kept(paths: Iterable[Path]) -> Iterator[None]:
     """Context that forbids results in place of the given files, found by device and inode. Missing
     files are ignored. Contexts may be nested."""
-    identities = []
+    identities: list[tuple[int, int] | tuple[int, int, str]] = []
     for path in paths:
         with suppress(OSError, ValueError):
             state = path.stat()
             # File systems without inodes report 0, which would match every file.
             if state.st_ino:
-                identities.append((state.st_dev, state.st_ino))
+                identities += [(state.st_dev, state.st_ino), _place(path)]
     for identity in identities:
         _inputs[identity] = _inputs.get(identity, 0) + 1
     try:
@@ -295,12 +315,20 @@ def refuse_taken(path: Path) -> None:
         raise OutputError(f"{path}: cannot be written (there is a folder of that name).")
     with suppress(OSError):  # a missing file is free
         state = path.stat()
-        if (state.st_dev, state.st_ino) in _inputs:
+        # Some file systems without regard to case have an inode for each spelling of a name.
+        is_respelled = _place(path) in _inputs and path.name not in os.listdir(path.parent)
+        if (state.st_dev, state.st_ino) in _inputs or is_respelled:
             raise OutputError(
                 f"{path}: cannot be written (it is a file that is read for it; choose another "
                 "name)."
             )
     refuse_device(path)
+
+
+def _place(path: Path) -> tuple[int, int, str]:
+    """Device and inode of the folder of a file, and :func:`.text.name_key` of the file's name."""
+    folder = path.parent.stat()
+    return folder.st_dev, folder.st_ino, name_key(path.name)
 
 
 def refuse_device(path: Path) -> None:
@@ -322,7 +350,7 @@ def _remove(path: Path) -> None:
 def _sync_folder(folder: Path) -> None:
     """Force the names in a folder to the disk; does nothing on Windows and on file systems that
     cannot sync folders. Raises OSError for any other failure."""
-    if os.name == "nt":  # folders cannot be opened; NTFS journals the move itself
+    if _IS_WINDOWS:  # folders cannot be opened; NTFS journals the move itself
         return
     descriptor = os.open(folder, os.O_RDONLY)
     try:

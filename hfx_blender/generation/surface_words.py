@@ -89,7 +89,6 @@ QUALITIES: Final = {
 }
 """Quality of each word."""
 
-
 _TOKEN: Final = re.compile(r"[a-z]+|[^\W\d_a-z]+|\d+(?:[.,]\d+)?|[.,;:!?()\n]")
 _POSSESSIVE: Final = re.compile(r"(?<=[a-z])['\N{RIGHT SINGLE QUOTATION MARK}]s?\b")
 _LEAST_FUZZY: Final = 5  # letters

@@ -163,7 +163,6 @@ IS_EDITABLE: Requirement = (
     "The effect belongs to a linked file. Press Make Editable first",
 )
 
-
 ARE_TARGETS_EDITABLE: Requirement = (
     lambda context: (
         not any(

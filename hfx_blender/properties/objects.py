@@ -66,7 +66,6 @@ TEMPERATURE_REFERENCES = (
     ("CONTACT", "Contact", "A touched object. Neutral at skin temperature, 33 degrees Celsius"),
 )
 
-
 OPERATIONS = (
     ("multiply", "Multiply", "Multiply the result of the filters above"),
     ("add", "Add", "Add to the result of the filters above"),

@@ -46,7 +46,6 @@ _CONSTANT_PROPERTIES = attrgetter(
     *("stiffness", "damping", "friction"),
 )
 
-
 _FALLOFF: Final = ("falloff", "falloff_share")
 
 

@@ -270,7 +270,6 @@ _ENTRIES = {
     ),
 }
 
-
 _keys = KeyBindings("Object Mode", ("wm.call_menu_pie", "Y", {}, {"name": "HFX_MT_effect_pie"}))
 
 

@@ -21,7 +21,6 @@ from .. import volumes
 TRANSFORM: Final = ("location", "rotation_euler", "scale")
 """Properties (3) of an object that place a volume."""
 
-
 LAW: Final = ("stiffness", "damping", "friction")
 """Properties of an effect with its contact law, in the order of the fields of ContactLaw."""
 

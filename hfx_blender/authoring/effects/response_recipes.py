@@ -61,7 +61,6 @@ _NUMBERS: Final = {
     "gravity": json_shapes.Number(-200.0, 200.0),
 }
 
-
 SWARM: Final = json_shapes.strict(
     {"count": json_shapes.Number(1, MOST_PARTICLES, is_whole=True)},
     {

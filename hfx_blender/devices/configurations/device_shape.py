@@ -165,7 +165,6 @@ _NO_VIBRATION: Final[Mapping[str, Shape]] = {
     "takes_waveform": Flag(False, "false: only vibration is played as a waveform")
 }
 
-
 CUSTOM: Final = Table(
     Either(
         "choices",
@@ -306,7 +305,6 @@ _TRANSPORTS: Final = {
     "udp": _SOCKET,
     "websocket": _SOCKET,
 }
-
 
 _BYTES: Final = {
     number: strict(

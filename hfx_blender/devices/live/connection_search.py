@@ -37,7 +37,6 @@ NO_DEAD_MAN: Final = (
 _REPEAT_S: Final = 1.0
 _LONGEST_S: Final = 300.0  # an abandoned search ends
 
-
 Choices = tuple[tuple[str, str], ...]  # value of a setting, and description
 
 

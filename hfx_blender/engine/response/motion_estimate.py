@@ -24,7 +24,6 @@ _STEADY: Final = 0.5  # fraction of the first difference: a larger second one st
 _MEETS: Final = 0.2  # fraction of a step: extrapolations farther apart belong to a jump
 _MOMENTS: Final = 65  # of the search for the nearest moment
 
-
 _NODES: Final = np.arange(4) / 3.0
 """Fractions of an interval with exact evaluation; cubics interpolate between them."""
 

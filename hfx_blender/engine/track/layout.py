@@ -79,7 +79,6 @@ INDEX_SHAPE: Final = shapes.loose(
     }
 )
 
-
 STORAGE: Final = shapes.loose(
     {
         "samples_per_chunk": shapes.Number(1, MAX_SAMPLES_PER_CHUNK, is_whole=True),
@@ -150,7 +149,6 @@ _TEXT: Final = shapes.Text()
 _WHOLE: Final = shapes.Number(is_whole=True)
 _FRACTION: Final = shapes.Row((shapes.Number(1, is_whole=True),) * 2)
 _ANY: Final = shapes.Table(shapes.Anything())
-
 
 _CLIP: Final = shapes.loose(
     {"name": _TEXT, "frame_start": shapes.Number(), "frame_end": shapes.Number()}, into=Clip

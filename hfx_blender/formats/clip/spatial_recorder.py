@@ -25,7 +25,6 @@ from . import DETAIL
 
 SHAPES: Final = (Cuboid, Sphere, Cylinder, Capsule)
 
-
 EffectState = dict[str, npt.NDArray[Any]]
 """State of an effect at its first active sample.
 

@@ -141,7 +141,6 @@ def _check_misplaced(document: Any, report: Report) -> None:
 
 validate = json_validator(findings)
 
-
 _NEEDED: Final = {
     "Event": ("EventType",),
     "Parameter": ("ParameterID", "ParameterValue"),

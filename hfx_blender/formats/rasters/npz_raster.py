@@ -23,7 +23,6 @@ FORMAT: Final = "hfx-raster"
 _MOST_HEAD: Final = 192  # bytes before an array's numbers
 SIZE_WORDS: Final = "its arrays would take"
 
-
 FELT_ARRAYS: Final = {"indices": np.int64, "strengths": np.float64, "is_rendered": np.bool_}
 
 

@@ -31,7 +31,6 @@ BLENDS = (
 )
 _BLEND_TIP = "Combination of the new area with the old area"
 
-
 _ON_PAINTED: shared.Requirement = shared.painted_effect, "Select a painted effect"
 
 # A library override stores no ID properties, such as a painted area, as these have no fixed size.

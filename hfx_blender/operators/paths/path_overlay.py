@@ -26,7 +26,6 @@ _MOST_POINTS = 400
 _FAINT = 0.45
 _PENDING_COLOUR = (1.0, 0.85, 0.2, 1.0)
 
-
 _anchors: dict[int, skin_picking.Anchors] = {}
 pending_clicks: tuple[bpy.types.Object | None, F64 | None, F64 | None] = (None, None, None)
 

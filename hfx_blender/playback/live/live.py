@@ -382,7 +382,6 @@ class Live:
 
 live = Live()
 
-
 _LISTENERS: Final = {
     "live track": live.tracks.choose,
     "live source": live.follow_other,

@@ -17,7 +17,6 @@ from ..evaluation import evaluation
 
 BEAT_S = 0.05
 
-
 _log = logging.getLogger(__name__)
 
 

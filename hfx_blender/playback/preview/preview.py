@@ -317,7 +317,6 @@ class ViewportPreview:
 
 preview = ViewportPreview()
 
-
 _SWITCHES: Final = {
     "hfx_preview": ("Show What Is Felt", "Colour the avatar where effects are felt", True),
     "hfx_show_actuators": (

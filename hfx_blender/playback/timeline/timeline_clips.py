@@ -34,9 +34,7 @@ _STRIP = (0.1, 0.1, 0.1, 1.0)  # below the envelope of a strip in the NLA Editor
 # Height from which on a row has the effect's name, pixels.
 _TEXT_ROW = 11.0
 
-
 Point = tuple[float, float]
-
 
 Row = tuple[
     str, float, float, list[tuple[bpy.types.Object, bpy.types.NlaTrack, bpy.types.NlaStrip]]

@@ -41,7 +41,6 @@ MOST_BYTES = 64_000_000
 """Memory limit of cached samples, bytes. Later samples are evaluated when drawn, without latency
 compensation."""
 
-
 _MUST_STEP = "The values need every frame of the scene to be set."
 
 

@@ -46,7 +46,6 @@ from .scene_settings import scene_feel
 
 IN_SCENE = ("VOLUME", "SURFACE")  # kinds of effects in the scene; bodies must be posed for them
 
-
 ABSENT = "is disabled in viewports or excluded from the view layer"
 _CURE = "press Move to Body in the panel Haptic Effect"
 

@@ -193,7 +193,7 @@ def test_an_export_to_a_full_disk_leaves_no_folder(
 
 @pytest.mark.parametrize(
     "report",
-    ["out/small.report.json", "out/small.hfxtrack", "out/x/../small.insoles.csv",
+    ["out/small.report.json", "out/SMALL.hfxTrack", "out/x/../small.insoles.csv",
      "out/small/A/insoles/small.A.insoles.csv", "out/small.pieces/1-of-1.json"],
 )  # fmt: skip
 def test_a_report_with_the_name_of_a_result_is_refused_at_once(

@@ -5,6 +5,7 @@ import errno
 import os
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from track_synthetic import header, run
 from hfx_blender.engine.track import TrackBody, TrackReader, TrackWriter
 from hfx_blender.errors import OutputError
 from hfx_blender.export import result_files
+from hfx_blender.files import atomic
 from hfx_blender.files.atomic import (
     atomic_file,
     inputs_kept,
@@ -114,6 +116,26 @@ def test_of_several_files_all_come_or_none(tmp_path, monkeypatch, number, has_li
     }
 
 
+@pytest.mark.parametrize("is_windows", [True, False])
+def test_on_windows_a_file_that_a_scanner_has_open_is_renamed_later(
+    tmp_path, monkeypatch, is_windows
+):
+    replace, refused = os.replace, []
+
+    def busy(source, target):
+        if len(refused) < 3:
+            refused.append(target)
+            raise PermissionError(errno.EACCES, "The process cannot access the file", str(source))
+        replace(source, target)
+
+    monkeypatch.setattr(atomic, "_IS_WINDOWS", is_windows)
+    monkeypatch.setattr(os, "replace", busy)
+    with nullcontext() if is_windows else pytest.raises(OutputError, match="cannot access"):
+        with atomic_file(tmp_path / "a.csv") as file:
+            file.write(b"new")
+    assert names(tmp_path) == (["a.csv"] if is_windows else [])
+
+
 def test_no_other_file_of_the_user_is_written_or_removed(tmp_path):
     """Files or links with names of earlier unfinished files belong to the user."""
     (tmp_path / "thesis").write_bytes(b"precious")
@@ -151,6 +173,20 @@ def test_an_input_file_is_never_replaced_under_any_name(tmp_path):
         "scene.blend",
         "second",
     ]
+
+
+def test_an_input_file_is_never_replaced_under_another_spelling(tmp_path, monkeypatch):
+    """A file system without regard to case may have an inode for each spelling: exFAT by FUSE. Here
+    a second file takes the place of the second spelling, and folders list the first one only."""
+    for name in ("Zo\u00eb.blend", "ZOE\u0308.Blend"):
+        (tmp_path / name).write_text("precious")
+    with inputs_kept([tmp_path / "Zo\u00eb.blend"]):
+        with atomic_file(tmp_path / "ZOE\u0308.Blend") as file:
+            file.write(b"another file")
+        monkeypatch.setattr(os, "listdir", lambda folder: ["Zo\u00eb.blend"])
+        with pytest.raises(OutputError, match="a file that is read"):
+            with atomic_file(tmp_path / "ZOE\u0308.Blend"):
+                pass
 
 
 def test_two_results_of_one_name_are_none(tmp_path):
