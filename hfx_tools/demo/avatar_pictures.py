@@ -64,7 +64,7 @@ def effects_by_id(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
     """Effects of the scene by their ids in the track."""
     objects = effects.effects_of(scene)
     ids = effects.unique_ids([*effects.bodies_of(scene), *objects])
-    return {ids[obj.name_full]: obj for obj in objects}
+    return {ids[obj]: obj for obj in objects}
 
 
 def set_up_rendering(scene: bpy.types.Scene) -> None:

@@ -287,6 +287,9 @@ def test_what_is_felt_colours_the_picture(
     avatar_pictures.aim(scene, body, TASKS[0])
     shown = {}
     with TrackReader(tmp_path / "x.hfxtrack") as track:
+        objects = avatar_pictures.effects_by_id(scene)
+        named = {effect.id: effect.name for effect in track.header.effects}
+        assert {uid: obj.name for uid, obj in objects.items()} == named
         felt_samples = track.samples_at(0.0)
         calm = [] if not felt_samples else [_faint(felt_samples[0])]
         for name, samples in (("calm", calm), ("felt", felt_samples)):
