@@ -8,6 +8,7 @@ import io
 import json
 import os
 import platform
+import re
 import secrets
 import shutil
 import stat
@@ -265,8 +266,9 @@ def temporary_pattern(name: str | None = None) -> str:
 
 
 def _temporary_start(name: str) -> str:
-    """Begin of :func:`temporary_name`, with at most 100 bytes of ``name``."""
-    short = os.fsencode(name)[:_LONGEST_NAME].decode(errors="ignore")
+    """Begin of :func:`temporary_name`, with at most 100 bytes of ``name``; "_" for characters that
+    Windows does not allow, so that an error is about the result itself."""
+    short = os.fsencode(re.sub(r'[<>:"|?*]', "_", name))[:_LONGEST_NAME].decode(errors="ignore")
     return f".{short}.{_machine()}-"
 
 

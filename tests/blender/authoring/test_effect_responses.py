@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hfx_blender.authoring import responses
-from hfx_blender.authoring.effects import effect_exchange, effect_file, effects
+from hfx_blender.authoring.effects import effect_exchange, effect_file, effects, response_recipes
 from hfx_blender.blender import compat
 from hfx_blender.engine.response_filters.controls import FilterKind
 from hfx_blender.errors import InputError
@@ -145,7 +145,7 @@ def test_particles_of_a_loaded_swarm_are_felt(nest: Any, tmp_path: Path) -> None
     bpy.data.objects.remove(nest)
     scene = bpy.context.scene
     recipe = effect_exchange.sensation_of(scene, [source], "One").effects[0]
-    swarm = effect_file.SwarmRecipe(12, born_until_s=0.0, radii_m=(0.5, 0.5, 0.5), gravity=0.0)
+    swarm = response_recipes.SwarmRecipe(12, born_until_s=0.0, radii_m=(0.5, 0.5, 0.5), gravity=0.0)
     where = replace(recipe.where, swarm=swarm)
     sensation = effect_file.Sensation("Swarm", "", (replace(recipe, where=where),))
     scene.frame_set(1)

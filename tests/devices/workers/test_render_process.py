@@ -25,6 +25,7 @@ from hfx_blender.devices.configuration import load_device
 from hfx_blender.devices.host.device_thread import Question
 from hfx_blender.devices.host.tones import frame_of, of_partials
 from hfx_blender.devices.live.client import LiveClient
+from hfx_blender.devices.live.host_pipe import Unsent
 from hfx_blender.devices.workers import render_process
 from hfx_blender.devices.workers.live_frame import (
     LiveFrame,
@@ -448,7 +449,7 @@ def test_a_moment_of_too_much_is_silence(client: LiveClient) -> None:
     stopped: list[str] = []
     pipe = client.pipe
     pipe.silence = lambda _kind, reason: stopped.append(reason)  # type: ignore[assignment]
-    assert pipe.encoded(LiveFrame(0.0, [huge]), places()) == b""
+    assert pipe.encoded(Unsent(LiveFrame(0.0, [huge]), 0, places())) == b""
     assert "cannot be handed over" in stopped[0]
-    assert pipe.encoded(moment(), {}) == b""  # of the scene before: no fault
+    assert pipe.encoded(Unsent(moment(), 0, {})) == b""  # of the scene before: no fault
     assert len(stopped) == 1
