@@ -266,7 +266,7 @@ def temporary_pattern(name: str | None = None) -> str:
 
 
 def _temporary_start(name: str) -> str:
-    """Begin of :func:`temporary_name`, with at most 100 bytes of ``name``; "_" for characters that
+    """Start of a :func:`temporary_name`: at most 100 bytes of ``name``; "_" for characters that
     Windows does not allow, so that an error is about the result itself."""
     short = os.fsencode(re.sub(r'[<>:"|?*]', "_", name))[:_LONGEST_NAME].decode(errors="ignore")
     return f".{short}.{_machine()}-"
@@ -318,8 +318,8 @@ def refuse_taken(path: Path) -> None:
     with suppress(OSError):  # a missing file is free
         state = path.stat()
         # Some file systems without regard to case have an inode for each spelling of a name.
-        is_respelled = _place(path) in _inputs and path.name not in os.listdir(path.parent)
-        if (state.st_dev, state.st_ino) in _inputs or is_respelled:
+        is_kept = (state.st_dev, state.st_ino) in _inputs
+        if is_kept or (_place(path) in _inputs and path.name not in os.listdir(path.parent)):
             raise OutputError(
                 f"{path}: cannot be written (it is a file that is read for it; choose another "
                 "name)."

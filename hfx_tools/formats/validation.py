@@ -47,6 +47,6 @@ def validate(path: Path, *, is_alone: bool = False) -> tuple[FormatInfo, list[Fi
 
 
 def fault_of(path: Path) -> str:
-    """First error of a file by itself as "place: message [code]"; empty for a valid file. Raises
-    InputError for an unreadable or unknown file."""
+    """First error in the content of a file as "place: message [code]"; empty for valid content.
+    Raises InputError for an unreadable or unknown file."""
     return first_error(validate(path, is_alone=True)[1])

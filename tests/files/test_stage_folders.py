@@ -86,7 +86,7 @@ def test_that_of_another_machine_stays(
 def test_the_owner_of_a_stage_is_written_as_it_is_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Windows writes a line end of a file opened as text as two bytes."""
+    """The file ``owner`` is binary: Windows writes the line end of a text as two bytes."""
     opened, flags = os.open, []
 
     def watch(path: Any, flag: int, *mode: int, **options: Any) -> int:

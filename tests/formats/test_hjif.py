@@ -264,7 +264,7 @@ def test_files_accepted_by_the_reference_software_are_valid_with_a_warning(code)
 
 @pytest.mark.parametrize(("part", "is_read"), [("Hand", True), ("Upper", False), ("Toe", True)])
 def test_body_parts_that_the_reference_software_cannot_read_are_a_warning(part, is_read):
-    """Its parts are Top and Down instead of Upper and Lower."""
+    """MPEG's reference software names the parts of the body Top and Down, not Upper and Lower."""
     document = sample()
     at(document, C)["body_part_target"] = ["All", part]
     assert codes(document) == ([] if is_read else ["HJIF-REFERENCE-CRASH"])

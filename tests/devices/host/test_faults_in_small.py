@@ -261,7 +261,7 @@ def test_a_moment_that_was_made_into_bytes_during_a_stop_is_not_sent(
 
 
 class Interrupted(dict[int, Any]):
-    """Dictionary from which an item is taken only after a call of a function in another thread."""
+    """Dictionary whose ``popitem`` first lets another thread run a given function."""
 
     def __init__(self, function: Callable[[], None]) -> None:
         super().__init__()
@@ -276,7 +276,7 @@ class Interrupted(dict[int, Any]):
 def test_a_moment_queued_after_a_pause_is_sent_with_the_places_of_its_scene(
     client: LiveClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The writing thread is halted between its look at the silences and the taking of values."""
+    """A pause, a scene and a moment are queued while the writing thread takes earlier values."""
     pipe = client.pipe
     worker: Any = pipe.worker
     places: list[Any] = []

@@ -189,6 +189,18 @@ def test_an_input_file_is_never_replaced_under_another_spelling(tmp_path, monkey
                 pass
 
 
+def test_an_input_file_is_kept_in_a_folder_that_cannot_be_listed(tmp_path, monkeypatch):
+    def refuse(folder):
+        raise PermissionError(errno.EACCES, "Permission denied", str(folder))
+
+    scene = tmp_path / "scene.blend"
+    scene.write_text("precious")
+    monkeypatch.setattr(os, "listdir", refuse)
+    with inputs_kept([scene]), pytest.raises(OutputError, match="a file that is read"):
+        with atomic_file(scene):
+            pass
+
+
 def test_two_results_of_one_name_are_none(tmp_path):
     with passing(tmp_path):
         with atomic_file(tmp_path / "a.he") as file:
