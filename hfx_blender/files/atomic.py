@@ -57,9 +57,7 @@ def remove_at_end(path: Path, remove: Callable[[Path], object]) -> None:
 
 @contextmanager
 def unfinished(
-    path: Path,
-    remove: Callable[[Path], object],
-    make: Callable[[Path], object] = lambda path: None,
+    path: Path, remove: Callable[[Path], object], make: Callable[[Path], object] = lambda path: None
 ) -> Iterator[None]:
     """Context with a file or folder, made by ``make(path)``, that a forced end of the process
     removes."""

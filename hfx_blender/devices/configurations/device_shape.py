@@ -89,10 +89,7 @@ _OPTIONS: Final[Mapping[str, Mapping[str, Shape]]] = {
     "surface": {"law": Text(LAWS)},
     "splat": {"sigma_m": Number(0.001, 1.0, "m")},
     "brush": {"duration_ms": Number(40.0, 1000.0, "ms")},
-    "saltation": {
-        "interval_ms": Number(20.0, 300.0, "ms"),
-        "tap_ms": Number(1.0, 200.0, "ms"),
-    },
+    "saltation": {"interval_ms": Number(20.0, 300.0, "ms"), "tap_ms": Number(1.0, 200.0, "ms")},
 }
 
 RENDERING: Final = tagged(
@@ -115,8 +112,7 @@ def _range(modality: Modality, parameter: Parameter) -> Shape:
     values = Items(value, 1, MAX_VALUES, order="ascending")
     if parameter.name != modality.strength:
         range_ = strict(
-            {"unit": unit, "minimum": value, "maximum": value},
-            {"neutral": value, "values": values},
+            {"unit": unit, "minimum": value, "maximum": value}, {"neutral": value, "values": values}
         )
         return Either("fixed", strict({"unit": unit, "fixed": value}), range_)
     if modality.is_silent_at_0:

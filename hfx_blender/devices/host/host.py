@@ -180,11 +180,12 @@ class Host:
                 self.patience_s, self._last_sign_s = PAUSE_S, self._clock.now()
             for thread in self._threads_of(number):
                 self._pass_on(thread, message, 0.0)
+            # Before the render worker's lock, which the start of a worker may hold for long.
+            if (kind, number) == (MessageKind.STOP, EVERY_DEVICE):
+                self._report("silent")
             # Before the first pipe goes on: the next moment there is newer than this silence.
             if number == EVERY_DEVICE:
                 self.rendering.forget()
-        if (kind, number) == (MessageKind.STOP, EVERY_DEVICE):
-            self._report("silent")
 
     def _is_void(self, kind: MessageKind, number: int) -> bool:
         """Test that a message of the first pipe, which would let a device play, was sent before a

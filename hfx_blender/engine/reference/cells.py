@@ -205,10 +205,7 @@ class Cells:
             np.concatenate([owner[units], owner[unit]]),
             np.concatenate([np.stack([units] * 3), self._corners[:, quad]], axis=1),
             np.concatenate(
-                [
-                    np.stack([zeros + 1.0, zeros, zeros]),
-                    np.stack([1.0 - one - two, one, two]),
-                ],
+                [np.stack([zeros + 1.0, zeros, zeros]), np.stack([1.0 - one - two, one, two])],
                 axis=1,
             ),
             np.concatenate([zeros, heights]),

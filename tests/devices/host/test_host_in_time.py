@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -465,6 +466,17 @@ def test_a_stop_is_confirmed_once_by_the_faster_pipe(is_ahead: bool) -> None:
     assert reported == ["silent"]
     second(stop)
     assert reported == ["silent"]
+
+
+def test_a_stop_ahead_is_confirmed_while_the_render_worker_starts() -> None:
+    confirmed = threading.Event()
+    host = Host(lambda event, *_, **__: confirmed.set(), FakeClock())  # type: ignore[arg-type]
+    stop = Message(MessageKind.STOP, EVERY_DEVICE, b"enough")
+    stopping = threading.Thread(target=host.receive_ahead, args=(stop,))
+    with host.rendering._lock:  # held for as long as a worker process needs to start
+        stopping.start()
+        assert confirmed.wait(10.0)
+    stopping.join()
 
 
 # Mute
