@@ -11,6 +11,7 @@ from typing import Any
 
 from ..export.batch.pieces import folder_of, pieces_folder, remove_folder
 from ..export.batch.units import ExportOptions, Outcome, Unit
+from ..export.result_files import scene_stem
 from ..files import resources
 from ..files.atomic import atomic_file, inputs_kept
 from ..files.hashes import sha256_of
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace, console: Console) -> int:
     # folder after the merge removes their unfinished files as well.
     folder: Path = options.output
     if len(options.scenes) == 1:
-        pieces = pieces_folder(options.output, options.scenes[0].stem)
+        pieces = pieces_folder(options.output, scene_stem(options.scenes[0]))
         if options.piece is not None or (options.merge and pieces.is_dir()):
             folder = pieces
     with staging(folder, "hfx-export") as stage:
@@ -140,7 +141,7 @@ def _units(options: argparse.Namespace, stage: Path) -> list[Unit]:
             # Absolute, as worker processes may run in other folders.
             input=None if path is None else os.path.abspath(path),
             folder=os.path.abspath(options.output),
-            stem=export_options.open_stem() if path is None else path.stem,
+            stem=export_options.open_stem() if path is None else scene_stem(path),
             stage=str(stage),
             options=settings,
             part_frames=options.split,

@@ -11,6 +11,7 @@ from ..engine.tolerance import Tolerance
 from ..engine.tolerance import parse as parse_tolerance
 from ..errors import UsageError
 from ..export.batch.pieces import MOST_PIECES, pieces_folder
+from ..export.result_files import scene_stem
 from ..files.atomic import inputs_kept, refuse_taken
 from ..formats.clip import COARSEST, DETAIL
 from ..formats.registry import EXPORTED, FORMATS, refuse_unknown, suffixes
@@ -186,7 +187,7 @@ def check(options: argparse.Namespace) -> None:
     for path in (*options.scenes, options.output):
         blender_session.refuse_name(path)
     # Results of all scenes are in the same folder, named by the scenes.
-    _refuse_same_names([path.stem for path in options.scenes])
+    _refuse_same_names([scene_stem(path) for path in options.scenes])
 
 
 def _refuse_same_names(stems: Sequence[str]) -> None:
@@ -216,7 +217,7 @@ def _refuse_result(options: argparse.Namespace) -> None:
     of_results = (REPORT_SUFFIX, *suffixes(options.formats or EXPORTED))
     # A report with the name of a result would collide with the result. Links are resolved, as
     # both names may lead to the same file.
-    for stem in [path.stem for path in options.scenes] or [open_stem()]:
+    for stem in [scene_stem(path) for path in options.scenes] or [open_stem()]:
         is_there = report.parent == folder or folder / stem in report.parents
         name = name_key(report.name)
         is_result = name.startswith(name_key(f"{stem}.")) and name.endswith(of_results)
@@ -232,7 +233,7 @@ def open_stem() -> str:
     """File stem for the results of the open file; ``untitled`` for an unsaved file."""
     import bpy
 
-    return Path(bpy.data.filepath).stem or "untitled"
+    return scene_stem(Path(bpy.data.filepath)) or "untitled"
 
 
 def _names(text: str) -> list[str]:

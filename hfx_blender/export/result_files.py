@@ -33,6 +33,12 @@ _LONGEST_NAME: Final = 1020
 """Largest length of a listed name with its folders, at most three, bytes."""
 
 
+def scene_stem(scene: Path) -> str:
+    """Stem of the results of a scene's file: the file's stem, in which backslash, colon and control
+    characters are percent-encoded, as a report cannot list them (:func:`listed`)."""
+    return re.sub(r"[\\:\x00-\x1f\x7f]", lambda found: f"%{ord(found[0]):02X}", scene.stem)
+
+
 def distinct(names: Iterable[str]) -> list[str]:
     """Unique parts of file names for names, in the same order, for any file system. Unique without
     regard to case and to the encoding of accents; repeated names get a number."""

@@ -17,6 +17,7 @@ from ..authoring.effects import effects, swarms
 from ..blender.events import add_handlers, remove_handlers
 from ..blender.translation import translated
 from ..errors import InputError
+from ..export.result_files import scene_stem
 from ..formats.registry import EXPORTED, FORMATS
 from ..playback.live.live import live
 from ..text import printable, shortened
@@ -262,7 +263,7 @@ class HFX_OT_export(StepwiseExport, ExportHelper):
             record=tuple(name for name, *_ in _RECORD_ITEMS if name in self.record),
             per_clip=self.per_clip,
         )
-        return SceneExport(scene, settings).steps(path.parent, path.stem)
+        return SceneExport(scene, settings).steps(path.parent, scene_stem(path))
 
     def finished(self, context: bpy.types.Context, report: ExportReport) -> str:
         for warning in report.warnings:

@@ -113,10 +113,7 @@ class HfxDeviceName(bpy.types.PropertyGroup):
         update=_update_live_source,
     )
     is_exported: BoolProperty(
-        name="Export",
-        description="Include this device in exports",
-        default=True,
-        options=set(),
+        name="Export", description="Include this device in exports", default=True, options=set()
     )
     gain: FloatProperty(
         name="Gain",

@@ -195,10 +195,7 @@ class HfxEffectRow(bpy.types.PropertyGroup):
         set=_set_selected,
     )
     is_open: BoolProperty(
-        name="Open",
-        description="Show the effects of the group",
-        get=_is_open,
-        set=_set_open,
+        name="Open", description="Show the effects of the group", get=_is_open, set=_set_open
     )
     is_muted: BoolProperty(
         name="Mute",

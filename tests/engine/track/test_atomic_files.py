@@ -405,6 +405,16 @@ def test_two_sets_that_come_into_one_folder_at_once_do_not_mix(tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(
+    ("name", "stem"),
+    [("a\\b", "a%5Cb"), ("12:30", "12%3A30"), ("a\nb", "a%0Ab"), ("é 100%.v2", "é 100%.v2")],
+)
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")
+def test_a_report_can_list_the_results_of_any_scene(tmp_path, name, stem):
+    assert result_files.scene_stem(tmp_path / f"{name}.blend") == stem
+    assert result_files.listed(tmp_path, f"{stem}.hfxtrack") == tmp_path / f"{stem}.hfxtrack"
+
+
+@pytest.mark.parametrize(
     "name", ["../a", "/a", "a/../../b", "a//b", "./a", "", ".", "a\\b", "C:/a", "a\n", 7, None]
 )
 def test_a_report_names_nothing_outside_its_folder(tmp_path, name):
