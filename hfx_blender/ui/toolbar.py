@@ -85,6 +85,9 @@ def register() -> None:
 
 
 def unregister() -> None:
-    bpy.utils.unregister_tool(FillPartTool)
-    for tool in reversed(_TOOLS):
+    user = bpy.context.window_manager.keyconfigs.user
+    for tool in (FillPartTool, *reversed(_TOOLS)):
+        keymap = user.keymaps.get(tool._bl_tool.keymap[0])
         bpy.utils.unregister_tool(tool)
+        if keymap is not None:  # Blender keeps this copy of a tool's keymap
+            user.keymaps.remove(keymap)
