@@ -6,6 +6,7 @@ from __future__ import annotations
 import gc
 import re
 import sys
+import weakref
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -78,6 +79,17 @@ def alive() -> list[str]:
             if isinstance(value, FunctionType) and str(value.__module__).startswith(MODULE)
         }
     )
+
+
+def keeps_classes() -> bool:
+    """Test that Blender keeps any unregistered class of properties, as 4.3.2 with Python 3.13."""
+    group = type("HfxKept", (bpy.types.PropertyGroup,), {})
+    bpy.utils.register_class(group)
+    bpy.utils.unregister_class(group)
+    kept = weakref.ref(group)
+    del group
+    gc.collect()
+    return kept() is not None
 
 
 def _drawn(menu: Any) -> list[Any]:
@@ -174,5 +186,6 @@ def steps(h: Any) -> Iterator[float]:
     yield 1.0
     remaining = {key: value for key, value in traces().items() if value}
     h.check(not remaining, f"nothing is left: {remaining}")
-    h.check(not alive(), f"and nothing of it can be called any more: {alive()[:9]}")
+    if not keeps_classes():
+        h.check(not alive(), f"and nothing of it can be called any more: {alive()[:9]}")
     h.shot("6_uninstalled.png")
