@@ -73,8 +73,7 @@ def refuse_endless() -> None:
 
 
 def warnings_of_files(files: Mapping[str, LinkedFile]) -> list[str]:
-    """Warnings about missing ``files``, folders in place of files, and files that --resume
-    ignores."""
+    """Warnings: missing ``files``, folders in place of files, and files that --resume ignores."""
     source = Path(bpy.data.filepath) if bpy.data.filepath else None
     again = "--resume exports the scene again"
     warnings = []

@@ -63,8 +63,7 @@ class Counters:
             self.bodies_reached.append(body_id)
 
     def add(self, more: Counters) -> None:
-        """Add the counts of other counters, in place; loaded models and reached bodies each
-        once."""
+        """Add the counts of other counters, in place; loaded models and reached bodies once."""
         for name in _NUMBERS:
             setattr(self, name, getattr(self, name) + getattr(more, name))
         models = {*self.models_loaded}

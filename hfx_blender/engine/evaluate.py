@@ -95,8 +95,7 @@ class Engine:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentence for a report if volumes are evaluated without the compiled library; else
-        empty."""
+        """Sentence for a report if volumes are evaluated without the compiled library, or ""."""
         return (_SLOW,) if self.scene.has_volumes and not library.is_there() else ()
 
     def prepare(self) -> None:

@@ -100,8 +100,7 @@ class Modality:
 
     @property
     def is_silent_at_0(self) -> bool:
-        """True if the strength has no values below 0, so that 0 is silence; False for
-        temperature."""
+        """True if the strength is never below 0, so that 0 is silence; False for temperature."""
         return self.strength_parameter.minimum >= 0.0
 
 

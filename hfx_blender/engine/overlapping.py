@@ -55,8 +55,7 @@ class _Worker(Generic[Made, Done]):
             self._has_ended.set()
 
     def _items(self) -> Iterator[Made]:
-        """Yield items until the end (None); raises ``_StoppedError`` within 0.05 s after
-        :meth:`stop`."""
+        """Yield items until None; raises ``_StoppedError`` within 0.05 s after :meth:`stop`."""
         while True:
             try:
                 item = self._made.get(timeout=_LOOK_S)

@@ -130,8 +130,7 @@ class SampleRun:
         return int(self.sizes.sum())
 
     def one(self, k: int) -> "SampleRun":
-        """Run with only sample ``k``, with its own vertex set, impacts and drive; other samples are
-        dropped."""
+        """Run with sample ``k`` alone, with its own vertex set, impacts and drive."""
         # Row k of the samples, but the entries of its set, which other samples may share.
         j = int(self.set_of[k])
         row, entries = slice(k, k + 1), slice(int(self.offsets[j]), int(self.offsets[j + 1]))

@@ -34,8 +34,7 @@ def tell(share: float) -> None:
 
 
 def finish(steps: Generator[float, None, _T], progress: Progress = tell) -> _T:
-    """Run all steps and return the generator's result; ``progress`` is called with each yielded
-    fraction."""
+    """Run all steps and return the generator's result; ``progress`` gets each yielded fraction."""
     while True:
         try:
             progress(next(steps))

@@ -370,8 +370,7 @@ def felt_lines(report: ExportReport) -> tuple[str, ...]:
 
 
 def unfelt_lines(report: ExportReport) -> tuple[str, ...]:
-    """Lines on effects without samples on any body: one line per reason, with at most 12
-    names."""
+    """Lines on effects without samples on any body: one per reason, with at most 12 names."""
     reasons: dict[str, list[str]] = {}
     for line in report.effects:
         if not line["felt"]:

@@ -79,8 +79,7 @@ class ExportSettings:
         object.__setattr__(self, "formats", tuple(dict.fromkeys(self.formats)))
 
     def without(self, missing: Mapping[str, str]) -> "ExportSettings":
-        """Return settings without the given devices, mapped to reasons; InputError without
-        output."""
+        """Settings without the given devices, mapped to reasons; InputError without output."""
         if not missing:
             return self
         devices = tuple(device for device in self.devices if device.id not in missing)

@@ -59,8 +59,7 @@ def remove_at_end(path: Path, remove: Callable[[Path], object]) -> None:
 def unfinished(
     path: Path, remove: Callable[[Path], object], make: Callable[[Path], object] = lambda path: None
 ) -> Iterator[None]:
-    """Context with a file or folder, made by ``make(path)``, that a forced end of the process
-    removes."""
+    """Context with a file or folder, made by ``make(path)``, that a forced end removes."""
     with placing:
         make(path)
         remove_at_end(path, remove)

@@ -416,8 +416,7 @@ class Node:
         return self
 
     def read(self, shape: Shape) -> Any:
-        """Validate and convert the value by :func:`value_of`; raise InputError for the first
-        error."""
+        """Validate and convert the value by :func:`value_of`; InputError for the first error."""
         return value_of(shape, self.hold(shape).value)
 
     def fail(self, allowed: str) -> NoReturn:

@@ -71,8 +71,7 @@ OVERLAP: Final = Limit(2e7, "keyframes")
 PIXELS: Final = Limit(float(1 << 26), "pixels")  # limit on one picture: 8192 x 8192
 
 UNPACKED: Final = Limit(float(1 << 28), "bytes")
-"""Limit on the unpacked size of any file, however small it is; :func:`check_unfolded`
-is the rule."""
+"""Limit on the unpacked size of any file, however small; :func:`check_unfolded` is the rule."""
 
 PACKING: Final = 200.0
 """Largest ratio of unpacked to packed size: recorded values pack 2 to 100 times."""

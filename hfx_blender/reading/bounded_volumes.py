@@ -99,8 +99,7 @@ class BoundedVolumes:
         return self._volumes.meet(self._low, self._high, poses)
 
     def still_block(self, which: int, count: int) -> EffectBlock:
-        """Block of a still volume by index at ``count`` times, equal at all; shared by equal
-        calls."""
+        """Block of a still volume by index at ``count`` equal times; shared by equal calls."""
         known = self._read.get(which)
         if known is None or len(known.levels) != count:
             effect = self.effect(which)

@@ -193,8 +193,7 @@ class SceneReader:
 
     @property
     def sample_indices(self) -> I64:
-        """Ascending indices in the range at which an effect may be on; instances count as
-        volumes."""
+        """Ascending indices in the range at which an effect may be on; instances are volumes."""
         indices = np.arange(self.time.sample_count, dtype=np.int64)
         every = ("PAINTED", "SPOT", "ACTUATORS", *scene_description.IN_SCENE)
         return np.flatnonzero(self._may_be_on(indices, every))
@@ -352,7 +351,6 @@ class SceneReader:
 
 
 def contiguous_blocks(indices: I64, size: int) -> Iterator[I64]:
-    """Yield parts of ascending indices: consecutive, and cut at multiples of ``size``; nothing for
-    none."""
+    """Yield parts of ascending indices, consecutive, and cut at multiples of ``size``."""
     cuts = np.flatnonzero((np.diff(indices) != 1) | (indices[1:] % size == 0)) + 1
     yield from (block for block in np.split(indices, cuts) if len(block))

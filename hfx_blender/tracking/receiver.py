@@ -90,8 +90,7 @@ class OscReceiver:
         self._thread.start()
 
     def take(self) -> list[ReceivedMessage]:
-        """Newest messages since the last call, at most 256, in order of arrival; never waits for
-        the network."""
+        """Newest messages since the last call, at most 256, in order of arrival; never waits."""
         with self._lock:
             newest, self._newest = self._newest, {}
         return list(newest.values())

@@ -66,8 +66,7 @@ class OscOutput:
         self._send(self._channels.values(values))
 
     def stop(self) -> None:
-        """Send neutral values three times, as datagrams may be lost; never raises
-        OutputLostError."""
+        """Send neutral values three times, as datagrams may be lost, without OutputLostError."""
         for _ in range(STOPS):
             with suppress(OutputLostError):
                 self._send(self._channels.neutral)

@@ -127,8 +127,7 @@ def stored_arrays(item: Any, prefix: str = "") -> dict[str, npt.NDArray[Any]]:
 
 
 def _content_hash(item: PerceptualModel | Avatar) -> str:
-    """SHA-256 (hex) of id, bone names, and name, dtype, shape and bytes of each array, sorted by
-    name."""
+    """SHA-256 (hex) of id, bone names, and name, dtype, shape and bytes of each array, by name."""
     digest = hashlib.sha256()
     names = item.bone_names if isinstance(item, PerceptualModel) else item.skeleton.bone_names
     digest.update("\0".join((item.id, *names)).encode())

@@ -42,8 +42,7 @@ class _Skin:
         return np.isin(self._part, [PARTS.index(name) for name in names])
 
     def bone(self, *starts: str) -> Bool:
-        """Mask (V,) of vertices whose strongest bone has a name that begins with any of
-        ``starts``."""
+        """Mask (V,) of vertices whose strongest bone's name begins with any of ``starts``."""
         return np.array([name.startswith(starts) for name in self._bone_names])[self._bone]
 
 
@@ -53,8 +52,7 @@ def _neck(skin: _Skin) -> Bool:
 
 
 def _trunk(skin: _Skin, *bones: str) -> Bool:
-    """Mask (V,) of torso vertices whose strongest bone has a name that begins with any of
-    ``bones``."""
+    """Mask (V,) of torso vertices whose strongest bone's name begins with any of ``bones``."""
     return skin.part("torso") & skin.bone(*bones)
 
 

@@ -165,8 +165,7 @@ class Answering:
 
 
 def with_own_sets(run: SampleRun) -> SampleRun:
-    """Copy of a run with a separate vertex set for each sample (``sets`` None); the run itself if
-    already so."""
+    """Run with a separate vertex set for each sample (``sets`` None): a copy, unless already so."""
     if run.sets is None:
         return run
     entries, _ = expand(run.offsets, run.sets)

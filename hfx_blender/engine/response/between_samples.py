@@ -196,8 +196,7 @@ def _changed(run: SampleRun, one: int, other: int) -> tuple[bool, bool]:
 
 
 def _slow_s(touches: Touches, rows: I64) -> F64:
-    """Slower time constant, of attack and decay, at rows (n,), seconds; the shortest among the
-    impacts."""
+    """Slower time constant, attack or decay, at rows (n,), seconds; the shortest of the impacts."""
     impacts = [f for f, filter_ in enumerate(touches.filters) if filter_.kind is FilterKind.IMPACT]
     return np.asarray(touches.controls[rows][:, impacts, 1:3].max(axis=2).min(axis=1))
 

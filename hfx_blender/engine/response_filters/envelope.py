@@ -66,8 +66,7 @@ class RingingImpact:
         return np.where(self._peaks(times_s, before_s), self.strength, values)
 
     def _peaks(self, times_s: F64, before_s: F64) -> Bool:
-        """Mask (n,) of times with the peak after ``before_s`` (n,) and not after the time
-        itself."""
+        """Mask (n,) of times with the peak after ``before_s`` (n,), not after the time itself."""
         return np.asarray((before_s < self.peaks_s) & (self.peaks_s <= times_s))
 
 

@@ -118,8 +118,7 @@ class FitQuality:
 
     @property
     def whole_faults(self) -> tuple[str, ...]:
-        """Sentences about swapped sides or feet, absent regions and uncertain places; empty without
-        faults."""
+        """Sentences about swapped sides or feet, absent regions and uncertain places, if any."""
         texts = []
         if self.sides < RIGHT_WAY:
             texts.append("left and right are swapped")

@@ -21,8 +21,7 @@ from .textile import WINDOW_S, drive_levels
 
 @dataclass(frozen=True, eq=False)
 class StrokeSignal:
-    """Vibration over time. Amplitude and frequency ``i`` hold from ``times_s[i]`` for
-    ``step_s``."""
+    """Vibration over time: amplitude and frequency ``i`` from ``times_s[i]`` for ``step_s``."""
 
     times_s: F64  # (N,) start of each step
     step_s: float

@@ -287,8 +287,7 @@ def decode(
 
 
 def _rows(cursor: Cursor, samples: int, columns: int) -> F32:
-    """Read float32 values (samples, columns), column by column; raises ValueError for NaN and
-    infinity."""
+    """Read float32 values (samples, columns) by column; raises ValueError for NaN and infinity."""
     values = np.zeros((samples, columns), np.float32)
     for column in range(columns):
         values[:, column] = _sums(cursor.column(samples, "<u4")).view(np.float32)

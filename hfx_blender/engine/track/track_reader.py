@@ -146,8 +146,7 @@ class TrackReader:
         return float(self.header.time.times_s(np.array([index]))[0])
 
     def _position(self, time_s: float) -> float:
-        """Fractional sample index of a time, clamped to -1..sample count; raises ValueError
-        for NaN."""
+        """Fractional sample index of a time, clamped to -1..sample count; ValueError for NaN."""
         if math.isnan(time_s):
             raise ValueError("the time is not a number")
         time = self.header.time
@@ -198,8 +197,7 @@ class TrackReader:
         )
 
     def chunk_bytes(self, chunk: int) -> bytes:
-        """Uncompressed bytes of a chunk after a full check; raises InputError for a damaged
-        file."""
+        """Uncompressed bytes of a chunk after a full check; InputError for a damaged file."""
         self.sections(chunk)
         return self._entry(layout.chunk_name(chunk), layout.MAX_CHUNK_BYTES)
 

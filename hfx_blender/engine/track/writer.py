@@ -91,8 +91,7 @@ class TrackWriter:
             self._put(layout.INDEX, index, layout.MAX_JSON_BYTES)
 
     def append(self, runs: Iterable[SampleRun]) -> list[SampleRun]:
-        """Record runs of any of the header's streams over the next block of time; see
-        :meth:`stored`."""
+        """Record runs of the header's streams over the next block of time; see :meth:`stored`."""
         return [*self.stored(runs)]
 
     def stored(self, runs: Iterable[SampleRun]) -> Iterator[SampleRun]:
@@ -243,8 +242,7 @@ class TrackWriter:
                     self._write_collected((chunk + 1) * size)
 
     def _put_chunk(self, chunk: int, content: bytes) -> None:
-        """Write the encoded content of chunk number ``chunk``, and append the number to the
-        index."""
+        """Write the encoded content of chunk number ``chunk``; the number goes to the index."""
         self._put(layout.chunk_name(chunk), content, layout.MAX_CHUNK_BYTES)
         self._chunks.append(chunk)
         self._end = (chunk + 1) * self._samples_per_chunk

@@ -57,8 +57,7 @@ class _Convex:
         raise NotImplementedError
 
     def _inner_depth_m(self, points: F64, linear: F64) -> F64:
-        """World depth (N,) of inner points (3, N) under the linear part (3, 3) of a placement,
-        m."""
+        """World depth (N,), m, of inner points (3, N) by the linear part (3, 3) of a placement."""
         raise NotImplementedError
 
     def contains(self, points: F64) -> Bool:

@@ -40,8 +40,7 @@ def beyond_limits(
 
 
 def off_range(signals: Sequence[Signal], held: FrequencyRange) -> tuple[str, ...]:
-    """Sentence about signals with sound or ticks outside a Hz range, silence not counted; empty
-    without any."""
+    """Sentence about signals with sound or ticks outside a Hz range, silence not counted; or ""."""
     cut, (low, high) = [], (held.lowest_hz, held.highest_hz)
     for signal in signals:
         amplitude = signal.amplitude

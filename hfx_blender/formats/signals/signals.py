@@ -89,8 +89,7 @@ class Signal:
 
     @property
     def duration_s(self) -> float:
-        """Time of the envelope's last keyframe or of the last tick, the later, seconds from time
-        0."""
+        """The later time of the envelope's last keyframe and the last tick, seconds from time 0."""
         ends = [float(self.amplitude.times_s[-1]), *(tick.time_s for tick in self.transients)]
         return max(ends)
 

@@ -42,8 +42,7 @@ class Waveform:
         return self.start_s + len(self.values) / self.rate_hz
 
     def until(self, end_s: float) -> "Waveform":
-        """Waveform cut at ``end_s``; unchanged if ``end_s`` is not after the start, or after the
-        end."""
+        """Waveform cut at ``end_s``; unchanged if that is not after the start, or after the end."""
         count = round((end_s - self.start_s) * self.rate_hz)
         return Waveform(self.start_s, self.rate_hz, self.values[:count]) if count > 0 else self
 

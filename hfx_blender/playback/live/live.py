@@ -167,8 +167,7 @@ class Live:
             self.handlers.request_update()
 
     def pulse(self, name: str, actuator: int) -> None:
-        """Play a short, weak test pulse on an actuator, given by index; ignored without a
-        client."""
+        """Play a short, weak test pulse on an actuator, by index; ignored without a client."""
         if self.client is not None:
             self.client.pulse(name, actuator)
 

@@ -53,8 +53,7 @@ def _rows(listed: list[bpy.types.Object]) -> dict[str, list[bpy.types.Object]]:
 
 
 def wanted_height(context: bpy.types.Context) -> float:
-    """Height of a timeline region for the rows of all clips, at most four, pixels; 0 without
-    clips."""
+    """Pixels of height for the rows of all clips in a timeline, at most four; 0 without clips."""
     rows = min(len(_rows(swarms.listed_effects(context.scene))), _WANTED_ROWS)
     scale = context.preferences.system.ui_scale
     return scale * (_RULER + _BELOW + rows * _MOST_ROW) if rows else 0.0

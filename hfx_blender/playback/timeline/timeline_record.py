@@ -113,8 +113,7 @@ class TimelineRecord:
         return (frames - self._first) * self._per_frame
 
     def index(self, frame: float) -> int | None:
-        """Index of the sample nearest to a frame; None more than a sample outside of the
-        timeline."""
+        """Index of the sample nearest to a frame; None over a sample outside of the timeline."""
         # A sample more than the ends: frame `last + 0.9` still belongs to the last frame's sample.
         position, last = self.position(frame), len(self.frames) - 1
         return min(max(round(position), 0), last) if -1.0 <= position <= last + 1.0 else None

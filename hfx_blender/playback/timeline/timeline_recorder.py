@@ -59,8 +59,7 @@ class TimelineRecorder:
         return self.result if self.is_fresh and not evaluation.overrides else None
 
     def invalidate(self) -> None:
-        """Mark the record as outdated and stop recording; recording resumes after
-        :data:`QUIET_S`."""
+        """Mark the record as outdated and stop recording until :data:`QUIET_S` have passed."""
         self.is_fresh = self._is_settled = self.must_step = False
         self._changed_s = time.monotonic()
         self._stop()
@@ -76,8 +75,7 @@ class TimelineRecorder:
         return any(type(update.id).__name__ not in _CHANGES_NOTHING for update in depsgraph.updates)
 
     def check_settings(self, scene: bpy.types.Scene) -> None:
-        """Invalidate the record after a change of frame range, rate, units, devices or
-        tolerance."""
+        """Invalidate the record after a change of range, rate, units, devices or tolerance."""
         key = _key_of(scene)
         if key != self._key:
             self._key = key

@@ -122,8 +122,7 @@ class CurveEffect:
         )
 
     def matrices(self, frames: F64) -> F64:
-        """Shape space to world (T, 4, 4) in metres at animation frames (T,); reads nothing from
-        Blender."""
+        """Shape space to world (T, 4, 4), metres, at animation frames (T,), without Blender."""
         return self._placing(self._place.world(frames))
 
     @property

@@ -53,8 +53,7 @@ def places(hfx: bpy.types.PropertyGroup, unit_m: float, value: Value) -> F64 | N
 
 
 def drives(hfx: bpy.types.PropertyGroup, value: Value) -> F64 | None:
-    """Strengths (T, A) of the A actuators from ``value("drive[k].value")``; None without
-    actuators."""
+    """Strengths (T, A) of A actuators from ``value("drive[k].value")``; None without any."""
     if hfx.kind != "ACTUATORS" or not len(hfx.drive):
         return None
     return np.stack([value(f"drive[{k}].value") for k in range(len(hfx.drive))], axis=1)

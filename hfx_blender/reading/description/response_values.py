@@ -112,7 +112,6 @@ def with_even_phase(
 
 
 def place_of(path: str) -> tuple[int, str] | None:
-    """Index in the response list and property name of an animated RNA path; None for other
-    paths."""
+    """Index in the response list and property name of an animated RNA path; or None."""
     match = PATH.match(path)
     return None if match is None else (int(match[1]), match[2])

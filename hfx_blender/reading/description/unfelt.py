@@ -56,8 +56,7 @@ class LostClip:
 
     @property
     def is_whole(self) -> bool:
-        """True if the whole clip is outside the frames or between samples, hence not felt at
-        all."""
+        """True if the whole clip is outside the frames or between samples, hence not felt."""
         return _LOST[self.why][0] == "lie"
 
     @property

@@ -87,8 +87,7 @@ def simulated(start: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
 
 
 def takes_part(obj: bpy.types.Object) -> bool:
-    """Test for objects with physics, particles, force fields, collision or rigid body
-    constraints."""
+    """Test for physics, particles, force fields, collision or rigid body constraints."""
     if _is_simulated(obj) or obj.particle_systems or obj.rigid_body_constraint is not None:
         return True
     is_field = obj.field is not None and obj.field.type != "NONE"

@@ -236,8 +236,7 @@ class SteppedReading:
         return row
 
     def add_poses(self, row: SceneRow, stepper: Stepper, bodies: Iterable[int]) -> None:
-        """Read bodies by index at the present frame into ``row.poses``, in place; no frame is
-        set."""
+        """Read bodies by index at the present frame into ``row.poses``; no frame is set."""
         read = {k: self._read_pose(k, stepper) for k in bodies}
         self.counters.poses_read += len(read)
         row.poses |= read

@@ -51,8 +51,7 @@ def scratch_scenes(
 def objects_of(
     found: HapticObjects, scene: SceneDescription, effects: Iterable[int], bodies: Iterable[int]
 ) -> list[bpy.types.Object]:
-    """Objects of effects, then of bodies by index, then the avatar meshes of surface-bound
-    bodies."""
+    """Objects of effects, then bodies by index, then avatar meshes of surface-bound bodies."""
     bodies = list(bodies)
     surfaces = (k for k in bodies if isinstance(scene.bodies[k].binding, SurfaceBinding))
     meshes = (mesh for k in surfaces for mesh in avatar_meshes.meshes_of(found.bodies[k]))
@@ -137,8 +136,7 @@ class SteppedRows:
         return row
 
     def add_effects(self, rows: Iterable[SceneRow], effects: Iterable[int]) -> None:
-        """Add effects by index to rows without these, in place, by stepping the light scene
-        again."""
+        """Add missing effects by index to rows, in place, by stepping the light scene again."""
         for row in rows:
             missing = [k for k in effects if k not in row.effects]
             if missing:

@@ -117,8 +117,7 @@ class _Assignment(Digits):
         self._put(f"clavicle.{side}", clavicle or [name for name in shoulder if name != upper_name])
 
     def _leg(self, side: str) -> None:
-        """Assign half of the pelvis, thigh, shin and foot of side "L" or "R", as far as
-        recognised."""
+        """Assign half of the pelvis, thigh, shin and foot of side "L" or "R", if recognised."""
         hip, leg = self._take("hip", side), self._take("leg", side)
         thigh, shin = self._take("thigh", side), self._take("shin", side)
         foot = self._take("foot", side)
@@ -307,8 +306,7 @@ class _Assignment(Digits):
         return neck, head
 
     def _attached(self, canonical: str, chain: Sequence[str]) -> str | None:
-        """Nearest ancestor, in ``chain``, of the bone assigned to ``canonical``; None without
-        any."""
+        """Nearest ancestor, in ``chain``, of the bone assigned to ``canonical``; or None."""
         name = self.found.get(canonical)
         if name is None:
             return None

@@ -79,8 +79,7 @@ class Digits:
         return self._outwards([*by_number.values()] if any(by_number) else bones)
 
     def _outwards(self, chain: Sequence[str]) -> list[str]:
-        """Sort the joints of a digit from the hand to the tip: by depth, then numbers, then
-        name."""
+        """Sort the joints of a digit from the hand to the tip: by depth, numbers, then name."""
         return sorted(chain, key=lambda name: self._order(name)[1:])
 
     def _is_thumb_without_base(
