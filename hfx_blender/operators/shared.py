@@ -16,7 +16,7 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..authoring import clips
+from ..authoring import clips, painting
 from ..authoring.effects import effects, swarms
 from ..avatars.avatar_meshes import armature_of
 from ..blender.translation import translated
@@ -365,6 +365,7 @@ class StepwiseExport(StepwiseOperator):
         raise NotImplementedError
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, str]:
+        painting.store_all_painted()  # as when a file is saved during painting
         # Errors in the input are raised here, by this call, before the generator's first step.
         steps = self.export_steps(context)
 

@@ -14,6 +14,7 @@ from hfx_blender.authoring import clips, painting
 from hfx_blender.authoring.effects import effects
 from hfx_blender.engine.body.model import load_avatar, load_model
 from hfx_blender.engine.body.parts import LEFT, PARTS, RIGHT
+from hfx_blender.engine.track.track_reader import TrackReader
 from hfx_blender.files import resources
 from hfx_blender.reading.description import activation
 
@@ -236,6 +237,19 @@ def test_nothing_selected_is_told(effect: Any) -> None:
     avatar.data.vertices.foreach_set("select", np.zeros(len(avatar.data.vertices), np.bool_))
     with pytest.raises(RuntimeError, match="No vertices are selected"):
         bpy.ops.hfx.area_from_selection()
+
+
+def test_an_export_while_painting_has_what_was_painted(effect: Any, tmp_path: Path) -> None:
+    bpy.context.scene.frame_end = bpy.context.scene.frame_start
+    bpy.ops.hfx.paint_begin()
+    canvas = bpy.context.object
+    canvas.vertex_groups[0].remove(list(range(len(canvas.data.vertices))))
+    canvas.vertex_groups[0].add([10, 20, 30], 1.0, "REPLACE")
+    bpy.ops.hfx.export(filepath=str(tmp_path / "x.hfxtrack"), formats={"track"})
+    with TrackReader(tmp_path / "x.hfxtrack") as track:
+        felt = {vertex for run in track.runs() for sample in run for vertex in sample.vertices}
+    assert felt == {10, 20, 30}
+    assert painting.canvas_of(effect) == canvas, "painting goes on"
 
 
 def test_saving_while_painting_stores_what_was_painted(effect: Any, tmp_path: Path) -> None:
