@@ -355,6 +355,14 @@ def strips_of(effect: bpy.types.Object) -> list[tuple[bpy.types.NlaTrack, bpy.ty
     ]
 
 
+def lost_strips(effect: bpy.types.Object) -> list[str]:
+    """Names of the strips of an effect without any F-curve, as after their action or slot was
+    deleted; Blender plays nothing of them."""
+    tracks = () if effect.animation_data is None else effect.animation_data.nla_tracks
+    strips = (strip for track in tracks for strip in compat.with_grouped(track.strips))
+    return [s.name for s in strips if s.type == "CLIP" and not compat.strip_fcurves(s)]
+
+
 def _animates_activation(strip: bpy.types.NlaStrip) -> bool:
     # A meta strip has no F-curves of its own.
     if strip.type == "META":

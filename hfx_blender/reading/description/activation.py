@@ -37,9 +37,8 @@ class Activation:
     """Activation of an effect before any frame is evaluated."""
 
     source: ActivationSource
-    spans: tuple[tuple[float, float], ...] = (
-        (-np.inf, np.inf),
-    )  # frames (first, last); certainly off outside
+    # Frames (first, last); certainly off outside.
+    spans: tuple[tuple[float, float], ...] = ((-np.inf, np.inf),)
     clips: tuple[Clip, ...] = ()  # all clips of the effect
     playing: tuple[Clip, ...] = ()  # clips that are certainly off outside their ends
 
@@ -68,8 +67,8 @@ SILENCED = Activation(ActivationSource.OFF)
 def activation_of(effect: bpy.types.Object) -> Activation:
     """Activation of an effect from unmuted F-curves and drivers of ``activation``, else from NLA
     clips. Always on without any; off if there are only clips and none is evaluated (muted, not
-    solo, NLA off). A single F-curve without NLA, and evaluated clips without extrapolation, bound
-    the spans; otherwise all frames may be on."""
+    solo, NLA off, without an action). A single F-curve without NLA, and evaluated clips without
+    extrapolation, bound the spans; otherwise all frames may be on."""
     data = effect.animation_data
     if data is None:
         return Activation(ActivationSource.ALWAYS_ON)
@@ -87,7 +86,8 @@ def activation_of(effect: bpy.types.Object) -> Activation:
     if curves or driver:
         return Activation(ActivationSource.ANIMATED, clips=named)
     if not pairs:
-        return Activation(ActivationSource.ALWAYS_ON)
+        is_lost = bool(clips.lost_strips(effect))
+        return Activation(ActivationSource.OFF if is_lost else ActivationSource.ALWAYS_ON)
     # Strips that Blender evaluates. With a solo track the mute switches of tracks do not count.
     solo = any(track.is_solo for track in data.nla_tracks)
     playing = [

@@ -12,11 +12,13 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...authoring import clips
 from ...authoring.effects import effect_values, effects
 from ...blender import compat, stored_values
 from ...blender.stored_values import BadValue
 from ...engine.modality import MODALITIES
 from ...errors import InputError
+from ...text import named
 
 MOST_FILTERS = 64  # largest number of filters in a contact response
 _OF_BODIES = frozenset({"follow", "avatar", "avatar_parts", "fit_kept", "bone_map", "uid"})
@@ -195,6 +197,8 @@ def _of_animation(obj: bpy.types.Object) -> Iterator[str]:
             )
         if _STEADY.fullmatch(path):
             yield f"{titled(obj)}: {path} is animated; what it is now is taken for all times"
+    if obj.hfx.role == "EFFECT" and (lost := clips.lost_strips(obj)):
+        yield f"{titled(obj)}: nothing is played of clips without keyframes: {named(lost)}"
     # Overshoot between two keys within the limits is common and intended, so only keys are checked.
     curves = compat.all_fcurves(obj)
     for path in paths:

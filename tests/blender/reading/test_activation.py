@@ -58,6 +58,30 @@ def test_animation_of_something_else_does_not_switch_it_off(effect: Any) -> None
     assert levels(effect).tolist() == [1.0] * 30
 
 
+@pytest.mark.parametrize("lost", ["action", "slot"])
+@pytest.mark.parametrize("has_other", [False, True])
+def test_a_clip_that_lost_its_action_is_off_and_named(
+    effect: Any, lost: str, has_other: bool
+) -> None:
+    oracle.add_clip(effect, 5, 17)
+    strip = effect.animation_data.nla_tracks[0].strips[0]
+    strip.name = "Breath"
+    if has_other:
+        oracle.add_clip(effect, 20, 25)
+    if lost == "action":
+        bpy.data.actions.remove(strip.action)
+    elif hasattr(strip, "action_slot"):
+        strip.action_slot = None
+    else:
+        pytest.skip("Blender 4.4 and later")
+    expected = trapezoid(20, 25) if has_other else np.zeros(len(FRAMES))
+    assert np.allclose(levels(effect), expected, atol=1e-6)
+    warnings = scene_reader.SceneReader(bpy.context.scene).description.warnings
+    assert [text for text in warnings if "Breath" in text] == [
+        "effect 'Felt': nothing is played of clips without keyframes: Breath"
+    ]
+
+
 @pytest.mark.parametrize("fades", [(0, 0), (4, 0), (0, 5), (4, 5), (6, 6)])
 def test_a_clip_with_fades(effect: Any, fades: tuple[float, float]) -> None:
     oracle.add_clip(effect, 5, 17, fade_in=fades[0], fade_out=fades[1])
