@@ -131,7 +131,7 @@ def _check_meshes(path: Path, report: Report) -> None:
 
 def _check_media(path: Path, report: Report) -> None:
     """Warn of files of the extension MPEG_media that are not there."""
-    document = glb.read_json(read_bytes(path), str(path))
+    document = glb.read_json(read_data(path), str(path))
     try:
         media = document["extensions"]["MPEG_media"]["media"]
         uris = [each["uri"] for medium in media for each in medium["alternatives"]]
@@ -158,7 +158,7 @@ def _beside(path: Path, uri: str) -> Path | None:
 def _vertex_count(mesh: Path) -> int:
     """Number of vertices of all meshes of a GLB file together; InputError for a file with
     errors."""
-    document = glb.read_json(read_bytes(mesh), str(mesh))
+    document = glb.read_json(read_data(mesh), str(mesh))
     try:
         primitives = [each for item in document["meshes"] for each in item["primitives"]]
         places = dict.fromkeys(each["attributes"]["POSITION"] for each in primitives)

@@ -16,7 +16,7 @@ from hfx_blender.engine.track import TrackReader
 from hfx_blender.errors import InputError
 from hfx_blender.files import blend_paths
 from hfx_blender.files.findings import Finding
-from hfx_blender.files.strict_json import mapped, read_bytes
+from hfx_blender.files.strict_json import mapped, read_bytes, read_data
 from hfx_blender.formats.pictures import png, texture_map
 
 from .whole_zip import excess_of
@@ -48,7 +48,7 @@ def read_texture(path: Path) -> list[Finding]:
 def read_picture(path: Path) -> list[Finding]:
     """Read a PNG file; a warning for bytes after its end, which readers ignore."""
     png.read(path)
-    content = read_bytes(path)
+    content = read_data(path)
     rest = len(content) - content.find(_PNG_END) - len(_PNG_END)
     message = f"{rest:,} bytes follow the end of the picture"
     return [Finding("PICTURE-END", "", message, "warning")] if rest else []

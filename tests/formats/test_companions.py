@@ -344,6 +344,15 @@ def test_a_file_named_by_a_mesh_file_is_looked_for(tmp_path: Path) -> None:
     assert codes(path, "warning") == []
 
 
+def test_a_mesh_file_of_70_mib_is_read_beside_others(tmp_path: Path) -> None:
+    document = triangle()
+    document.accessor(np.zeros((70 << 20) // 4))
+    path = tmp_path / "x.glb"
+    path.write_bytes(document.encoded())
+    assert path.stat().st_size > 70 << 20
+    assert codes(path, "error") + codes(path, "warning") == []
+
+
 def test_an_unknown_file_is_told_all_known_suffixes(tmp_path: Path) -> None:
     path = tmp_path / "x.foo"
     path.write_bytes(b"x")
