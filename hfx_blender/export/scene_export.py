@@ -13,6 +13,7 @@ from urllib.parse import quote
 
 import bpy
 
+from ..authoring.effects import swarms
 from ..blender import linked_files
 from ..devices.script_rendering import Rendered, rendering
 from ..engine.areas.felt_times import FeltTimes
@@ -373,6 +374,14 @@ def _refuse(warnings: Sequence[str]) -> None:
     """Raise InputError with all warnings, unless there are none."""
     if warnings:
         raise InputError("; ".join(shortened(warnings, MOST_LINES)) + ".")
+
+
+def other_scenes(scene: bpy.types.Scene) -> list[str]:
+    """Names of the scenes of the open file, but for linked ones, with effects that ``scene`` and
+    its background scenes lack."""
+    listed = {*swarms.listed_effects(scene)}
+    own = (other for other in bpy.data.scenes if other.library is None)
+    return [other.name for other in own if not listed.issuperset(swarms.listed_effects(other))]
 
 
 def scene_named(name: str | None) -> bpy.types.Scene:

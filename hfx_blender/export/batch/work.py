@@ -22,6 +22,7 @@ from ...engine.track import SUFFIX as TRACK_SUFFIX
 from ...engine.track.layout import SAMPLES_PER_CHUNK
 from ...errors import HfxError, InputError, OutputError, fault_of_file
 from ...processes import blender_session
+from ...text import named
 from . import journal, pieces, units
 from .units import ExportOptions, Outcome, Unit, failure
 
@@ -96,7 +97,7 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     # After the start of Blender: these modules import bpy.
     from ..recording import Recorded, why_in_one_go
     from ..report import describe
-    from ..scene_export import SceneExport, ScenePart, scene_named
+    from ..scene_export import SceneExport, ScenePart, other_scenes, scene_named
 
     scene = scene_named(unit.options.scene)
     names, devices, missing = _devices(unit.options, scene)
@@ -109,7 +110,8 @@ def done(unit: Unit, progress: Progress = lambda share: None) -> Outcome:
     if unit.kind == "piece":
         return _piece(unit, export, made_from, progress)
     folder, stage = Path(unit.folder), Path(unit.stage)
-    remarks = []
+    others = () if unit.options.scene is not None else other_scenes(scene)
+    remarks = [f"effects of other scenes need --scene NAME: {named(others)}"] if others else []
     if unit.kind in ("merge", "join"):
         if unit.kind == "join":
             parts = []

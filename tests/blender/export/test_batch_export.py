@@ -109,6 +109,24 @@ def test_what_rings_on_rings_over_the_end_of_a_part(registered: Any, tmp_path: P
     assert contents_of(tmp_path / "whole") == contents_of(tmp_path / "parts")
 
 
+def test_scenes_of_a_file_that_are_not_exported_are_named(registered: Any, tmp_path: Path) -> None:
+    scene = _moving_scene()
+    ball = bpy.data.objects["Ball"]
+    bpy.data.scenes.new("Empty")
+    bpy.data.scenes.new("Same effect").collection.objects.link(ball)
+    own = ball.copy()
+    for name in ("Behind", "Night"):
+        bpy.data.scenes.new(name).collection.objects.link(own)
+        own = own.copy()
+    scene.background_set = bpy.data.scenes["Behind"]
+    name = scene.name
+    blend = hfx_scenes.save(tmp_path / "four.blend")
+    day = _export(_unit(blend, tmp_path / "day", tmp_path / "s"))
+    assert day["remarks"] == ["effects of other scenes need --scene NAME: Night"]
+    chosen = _export(_unit(blend, tmp_path / "chosen", tmp_path / "s", scene=name))
+    assert chosen["remarks"] == []
+
+
 def test_physics_is_exported_in_one_go_and_that_is_said(registered: Any, tmp_path: Path) -> None:
     _moving_scene()
     bpy.ops.mesh.primitive_cube_add(size=0.2, location=(0, 0, 1.6))
