@@ -258,52 +258,62 @@ class RandomContact:
                 assert sample is None
                 continue
             weights, apart = np.zeros(len(self.model)), np.full(len(self.model), np.inf)
+            details = np.zeros(0)
             if sample is not None:
                 weights[sample.vertices] = sample.weights
-            detail = np.inf if self.record and sample is not None else 0.0
+                details = np.full(len(sample.vertices), np.inf if self.record else 0.0)
+            # Each cluster of vertices has its own number of steps.
             for samples in self.by_reference(row):
                 mine = np.abs(weights - samples.weights)
                 apart = np.minimum(apart, mine)
-                if detail and mine.max() < NEAR:
-                    detail = min(detail, self._detail_difference(row, sample, samples))
-                if max(apart.max(), detail) < NEAR:
+                if sample is not None and self.record:
+                    near = np.flatnonzero(mine[sample.vertices] < NEAR)
+                    differences = self._detail_differences(row, sample, near, samples)
+                    details[near] = np.minimum(details[near], differences)
+                if max(apart.max(), details.max(initial=0.0)) < NEAR:
                     break
-            most = max(most, float(apart.max()), detail)
+            most = max(most, float(apart.max()), float(details.max(initial=0.0)))
         return most
 
-    def _detail_difference(self, row: int, sample: Sample, felt: Contact) -> float:
-        """Return the largest difference of details; lengths as shares of the volume's size."""
+    def _detail_differences(
+        self, row: int, sample: Sample, which: np.ndarray, felt: Contact
+    ) -> np.ndarray:
+        """Return the largest difference of the details of each vertex; lengths as shares of the
+        volume's size. ``which`` (n,) are places in the sample's vertices."""
         shape, matrix = (
             self.animated.shapes[self.animated.shape_index[row]],
             self.animated.matrices[row],
         )
         size = np.linalg.norm(matrix[:3, :3])
-        places = felt.details.places[:, sample.vertices]
-        depths = nearest(shape, places, matrix)[2]
-        apart = [np.abs(sample.depth_m - depths) / size]
+        vertices, depth_m = sample.vertices[which], sample.depth_m[which]
+        depths = nearest(shape, felt.details.places[:, vertices], matrix)[2]
+        apart = np.abs(depth_m - depths) / size
         if sample.surface is not None:
             # For several equally deep points, the engine may have chosen another.
-            inwards = sample.surface_normals * sample.depth_m[:, None]
-            back = moved(np.linalg.inv(matrix), (sample.surface - inwards).T.astype(float))
+            surface = sample.surface[which]
+            inwards = sample.surface_normals[which] * depth_m[:, None]
+            back = moved(np.linalg.inv(matrix), (surface - inwards).T.astype(float))
             rounding = 4e-7 * np.abs(sample.surface).max()  # float32
-            away = np.abs(nearest(shape, back, matrix)[2] - sample.depth_m)
-            apart.append(np.maximum(away - rounding, 0.0) / size)
+            away = np.abs(nearest(shape, back, matrix)[2] - depth_m)
+            apart = np.maximum(apart, np.maximum(away - rounding, 0.0) / size)
         if sample.impact is not None:
-            since = felt.details.since[sample.vertices]
+            since, times_s = felt.details.since[vertices], sample.impact.times_s[which]
             began = ~np.isnan(since)
-            assert (began == ~np.isnan(sample.impact.times_s)).all()
+            apart[began != ~np.isnan(times_s)] = np.inf
             times = self.indices[row] / RATE_HZ + (since - 1.0) / RATE_HZ
-            apart.append(np.abs(sample.impact.times_s - times)[began] * RATE_HZ)
+            late = np.abs(times_s - times)[began] * RATE_HZ
+            apart[began] = np.maximum(apart[began], late)
             if not isinstance(shape, MeshVolume):
                 # At 0 the shape itself changed, so the first point inside is undefined.
                 began = since > 0.0
-                at = sample.vertices[began]
+                at = vertices[began]
                 normals = _normals_at(shape, felt.details.entries[:, at], matrix)
                 ways = matrix[:3, :3] @ felt.details.ways[:, at]
                 speeds = np.maximum(-(ways * normals).sum(axis=0), 0.0) * RATE_HZ
                 most = np.linalg.norm(ways, axis=0) * RATE_HZ
-                apart.append(np.abs(sample.impact.speeds_m_s[began] - speeds) / most)
-        return float(np.concatenate(apart).max(initial=0.0))
+                off = np.abs(sample.impact.speeds_m_s[which][began] - speeds) / most
+                apart[began] = np.maximum(apart[began], off)
+        return apart
 
 
 class StretchedContact(RandomContact):
