@@ -2,8 +2,8 @@
 """Blender handlers for saving, loading and updates.
 
 Before saving, copies of effects get unique ids and canvases are stored. After loading, areas of
-earlier body models are transferred. On updates, drawn fades follow their clips and effects store
-the names of their bodies.
+earlier body models are transferred. On updates, drawn fades follow their clips, effects store the
+names of their bodies, and edited wires of volumes are redrawn.
 """
 
 import logging
@@ -14,7 +14,7 @@ from bpy.app.handlers import persistent
 
 from ..blender.events import add_handlers, remove_handlers
 from ..blender.stored_values import stored_at
-from . import atlas_pictures, drawn_fades, painting
+from . import atlas_pictures, drawn_fades, painting, volumes
 from .effects import effects, model_migration
 from .surfaces import surface_updates
 
@@ -55,6 +55,9 @@ def _on_update(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
             elif changed.hfx.role == "EFFECT":
                 # A copied effect has the stored name of its original's body.
                 effects.store_body_names([changed])
+                # Nobody sees it in background mode, where the warning of an export says more.
+                if update.is_updated_geometry and not bpy.app.background:
+                    volumes.restore_wire(changed)
 
 
 def _effects() -> Iterator[bpy.types.Object]:

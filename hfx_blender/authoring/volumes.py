@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import cos, pi, sin
 from typing import TYPE_CHECKING
 
 import bpy
 
+from ..blender.events import is_painting
 from ..blender.stored_values import limited, limited_vector
 from ..engine.modality import neutral_temperature_c
 
@@ -19,29 +21,16 @@ if TYPE_CHECKING:
 
 _SEGMENTS = 32
 
-SHAPE_LABELS = {
-    "CUBOID": "Box",
-    "SPHERE": "Sphere",
-    "CYLINDER": "Cylinder",
-    "CAPSULE": "Capsule",
-    "MESH": "Mesh",
-}
-"""Labels by identifier."""
-
 _Point = tuple[float, float, float]
-_Edge = tuple[int, int]
 
 
 def analytic_shape(hfx: bpy.types.PropertyGroup) -> Shape:
     """Unit shape of a volume that is no mesh; a capsule has its ratio of height and radius."""
     from ..engine.volume.analytic import Capsule, Cuboid, Cylinder, Sphere
 
-    if hfx.shape == "CUBOID":
-        return Cuboid()
-    if hfx.shape == "SPHERE":
-        return Sphere()
-    if hfx.shape == "CYLINDER":
-        return Cylinder()
+    plain: dict[str, type[Shape]] = {"CUBOID": Cuboid, "SPHERE": Sphere, "CYLINDER": Cylinder}
+    if hfx.shape in plain:
+        return plain[hfx.shape]()
     # A capsule's unit shape keeps the ratio of cylinder and caps.
     radius, height = limited(hfx, "radius"), limited(hfx, "height")
     return Capsule(max(height / 2 - radius, 0.0) / max(radius, 1e-30))
@@ -56,8 +45,7 @@ def effect_colour(
 
     neutral_c = neutral_temperature_c(hfx.temperature_reference == "CONTACT")
     is_cold = hfx.modality == "temperature" and hfx.temperature < neutral_c
-    red, green, blue = PALETTES[palette][COLD if is_cold else hfx.modality]
-    return red, green, blue, 1.0
+    return (*PALETTES[palette][COLD if is_cold else hfx.modality], 1.0)
 
 
 def shape_scale(hfx: bpy.types.PropertyGroup) -> npt.NDArray[np.float64]:
@@ -83,7 +71,7 @@ def refresh_display(effect: bpy.types.Object) -> None:
     if hfx.kind == "SURFACE":
         return  # an object of the user's scene
     effect.color = effect_colour(hfx)
-    if effect.type != "MESH" or hfx.kind != "VOLUME" or hfx.shape == "MESH":
+    if effect.type != "MESH" or not wire_box(effect):
         return
     if effect.data.users > 1 or effect.data.library is not None:
         # Linked duplicates and library overrides share the mesh, but have their own size.
@@ -94,33 +82,69 @@ def refresh_display(effect: bpy.types.Object) -> None:
     effect.data.update()
 
 
-def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[_Edge]]:
+def restore_wire(effect: bpy.types.Object) -> None:
+    """Redraw the wire of a volume in Object Mode if edits of its mesh changed it. A linked mesh
+    stays, and one with faces, as of a joined model."""
+    if effect.mode != "OBJECT" or not has_edited_wire(effect, wire_box(effect)):
+        return
+    stays = effect.data.library is not None or len(effect.data.polygons) > 0
+    # Blender's transform of origins writes to as many vertices as the mesh had at its start.
+    if not (stays or is_painting("TRANSFORM_OT_")):
+        refresh_display(effect)
+
+
+def has_edited_wire(effect: bpy.types.Object, box: Sequence[float]) -> bool:
+    """Test for a mesh whose bounding box differs from ``box`` (6,), see :func:`wire_box`, by more
+    than 0.1 %; False for an empty ``box``."""
+
+    def is_other(*found: float) -> bool:
+        return any(abs(a - b) > 1e-3 * abs(b) for a, b in zip(found, box, strict=False))
+
+    if effect.type != "MESH" or not is_other(*effect.bound_box[0], *effect.bound_box[6]):
+        return False
+    # The slow test: modifiers change Blender's box, and that of a hidden object may be outdated.
+    from ..blender.mesh_arrays import positions
+
+    points = positions(effect.data)
+    return not len(points) or is_other(*points.min(axis=0), *points.max(axis=0))
+
+
+def wire_box(effect: bpy.types.Object) -> list[float]:
+    """Bounding box (6,) of a volume's wire by its properties, local space: lowest and highest
+    corner. Empty for effects without a wire of their own."""
+    hfx = effect.hfx
+    if hfx.kind != "VOLUME" or hfx.shape == "MESH":
+        return []
+    corner = shape_scale(hfx)
+    if hfx.shape == "CAPSULE":
+        corner[2] = max(corner[2], limited(hfx, "height") / 2)
+    return [*(-corner).tolist(), *corner.tolist()]
+
+
+def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[tuple[int, int]]]:
     """Points and edges of a volume's wires, local space: a box, or rings of 32 segments."""
     if hfx.shape == "CUBOID":
-        x, y, z = (edge / 2 for edge in hfx.size)
+        x, y, z = (edge / 2 for edge in limited_vector(hfx, "size"))
         points = [(a * x, b * y, c * z) for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]
         edges = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
         return points, edges
-    r, half = hfx.radius, hfx.height / 2
+    r, half = limited(hfx, "radius"), limited(hfx, "height") / 2
     if hfx.shape == "SPHERE":
-        loops = [_ring(r, axes) for axes in ("xy", "yz", "zx")]
+        ring = _ring(r)
+        loops = [ring, [(z, x, y) for x, y, z in ring], [(y, z, x) for x, y, z in ring]]
     elif hfx.shape == "CYLINDER":
-        loops = [_ring(r, "xy", z) for z in (-half, half)]
-        for x, y in ((r, 0.0), (0.0, r), (-r, 0.0), (0.0, -r)):
-            loops.append([(x, y, -half), (x, y, half)])
+        loops = [_ring(r, z) for z in (-half, half)]
+        loops += [[(x, y, -half), (x, y, half)] for x, y, _ in _ring(r)[:: _SEGMENTS // 4]]
     else:
         half = max(half - r, 0.0)  # of the capsule's cylinder
-        loops = [_ring(r, "xy", z) for z in (-half, half)]
-        # Two closed outlines of half circles: the first and last angle of each half stand twice, at
-        # both ends of the cylinder's sides.
-        halves = [(k, half) for k in range(_SEGMENTS // 2 + 1)]
-        halves += [(k - 1, -half) for k in range(_SEGMENTS // 2 + 1, _SEGMENTS + 2)]
-        turns = [(2 * pi * k / _SEGMENTS, end) for k, end in halves]
-        outline = [(r * cos(angle), r * sin(angle) + end) for angle, end in turns]
-        loops.append([(across, 0.0, along) for across, along in outline])
-        loops.append([(0.0, across, along) for across, along in outline])
+        loops = [_ring(r, z) for z in (-half, half)]
+        # Two closed outlines of half circles, from and to both ends of the cylinder's sides. The
+        # lower half is the upper one turned by half a circle.
+        upper = [(x, 0.0, y + half) for x, y, _ in [*_ring(r)[: _SEGMENTS // 2], (-r, 0.0, 0.0)]]
+        outline = upper + [(-x, 0.0, -z) for x, _, z in upper]
+        loops += [outline, [(y, x, z) for x, y, z in outline]]
     points: list[_Point] = []
-    edges: list[_Edge] = []
+    edges: list[tuple[int, int]] = []
     for loop in loops:
         count = len(loop) if len(loop) > 2 else 1  # two points are a single edge
         first = len(points)
@@ -129,12 +153,7 @@ def _wires(hfx: bpy.types.PropertyGroup) -> tuple[list[_Point], list[_Edge]]:
     return points, edges
 
 
-def _ring(radius: float, axes: str, height: float = 0.0) -> list[_Point]:
-    """Circle of 32 points in the plane of two ``axes`` such as "xy", at ``height`` on the third."""
-    points = []
-    for k in range(_SEGMENTS):
-        point = dict.fromkeys("xyz", height)
-        point[axes[0]] = radius * cos(2 * pi * k / _SEGMENTS)
-        point[axes[1]] = radius * sin(2 * pi * k / _SEGMENTS)
-        points.append((point["x"], point["y"], point["z"]))
-    return points
+def _ring(radius: float, height: float = 0.0) -> list[_Point]:
+    """Circle of 32 points around the z axis at ``height``."""
+    turns = (2 * pi * k / _SEGMENTS for k in range(_SEGMENTS))
+    return [(radius * cos(turn), radius * sin(turn), height) for turn in turns]

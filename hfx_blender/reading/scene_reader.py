@@ -96,7 +96,10 @@ class SceneReader:
         faults: dict[str, set[int]] = {}
         self.instances = instances.Instances(haptics, self.time, self._shapes, faults)
         haptics = replace(haptics, dormant={**haptics.dormant, **self.instances.asleep})
-        haptics = scene_description.without_absent(haptics, self.instances.sources)
+        # Excluded effects with instances are felt at the instances.
+        absent, sources = scene_description.ABSENT, self.instances.sources
+        gone = {e: why for e, why in haptics.gone.items() if why != absent or e not in sources}
+        haptics = replace(haptics, gone=gone)
         more = self.instances.descriptions
         is_keyed = any(visibility.is_keyed(body) for body in haptics.bodies)
         self._always_posed = with_positions or with_velocities or bool(more) or is_keyed
@@ -268,16 +271,12 @@ class SceneReader:
     def _without_hidden(self, block: AnimationBlock) -> AnimationBlock:
         """Copy of a block with level 0 for effects on a body at times without a valid pose, if the
         body's visibility is animated."""
-        blocks = list(block.effects)
-        for pose, body in zip(block.poses, self._described.bodies, strict=True):
-            if pose.valid.all():
-                continue
-            is_body = [description is body for description in self._described.bodies]
-            if any(b and w for b, w in zip(self._blinking, is_body, strict=True)):
-                for k in visibility.felt_on(self._described, is_body):
-                    blocks[k] = replace(
-                        blocks[k], levels=np.where(pose.valid, blocks[k].levels, 0.0)
-                    )
+        blocks, bodies = list(block.effects), self._described.bodies
+        for pose, body, is_keyed in zip(block.poses, bodies, self._blinking, strict=True):
+            if is_keyed and not pose.valid.all():
+                for k in visibility.felt_on(self._described, [other is body for other in bodies]):
+                    levels = np.where(pose.valid, blocks[k].levels, 0.0)
+                    blocks[k] = replace(blocks[k], levels=levels)
         return replace(block, effects=tuple(blocks))
 
     @cached_property

@@ -15,7 +15,7 @@ from ...blender.stored_values import stored_at
 from ...engine.modality import MODALITIES
 from ...errors import InputError
 from ...text import named
-from .. import clips, volumes
+from .. import clips
 
 if TYPE_CHECKING:
     import numpy as np
@@ -197,11 +197,10 @@ def add_volume(
     scene: bpy.types.Scene, modality: str, shape: str, name: str | None = None
 ) -> bpy.types.Object:
     """Add a volume at the world origin, shown as wires; default name as "Pressure Sphere"."""
-    title = name or f"{_SHORT.get(modality, modality.title())} {volumes.SHAPE_LABELS[shape]}"
+    label = "Box" if shape == "CUBOID" else shape.title()
+    title = name or f"{_SHORT.get(modality, modality.title())} {label}"
     obj = bpy.data.objects.new(title, bpy.data.meshes.new(title))
-    effect = _make_effect(scene, obj, modality, shape)
-    volumes.refresh_display(effect)
-    return effect
+    return _make_effect(scene, obj, modality, shape)
 
 
 def volume_from_mesh(
@@ -282,7 +281,7 @@ def _make_effect(
 ) -> bpy.types.Object:
     """Turn a new object into an effect with a new id, and link it: a volume of ``shape``, shown as
     wires, or a painted effect for None."""
-    # Kind and shape first: assigning the modality redraws the wires of that shape.
+    # Kind and shape first: assigning the modality sets the colour and redraws the wires.
     effect.hfx.kind = "PAINTED" if shape is None else "VOLUME"
     if shape is not None:
         effect.hfx.shape = shape
@@ -290,7 +289,6 @@ def _make_effect(
     effect.hfx.role = "EFFECT"
     effect.hfx.uid = uuid.uuid4().hex
     effect.hfx.modality = modality
-    effect.color = volumes.effect_colour(effect.hfx)
     _collection(scene).objects.link(effect)
     return effect
 

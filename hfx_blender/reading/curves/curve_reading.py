@@ -3,6 +3,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import bpy
 import numpy as np
@@ -59,9 +60,7 @@ class CurveEffect:
             raise NotModelledError(f"the activation of '{effect.name}' is animated otherwise")
         if effect.hfx.kind == "VOLUME" and effect.hfx.shape == "MESH":
             _refuse_deformed(effect)
-        self.scale = np.ones(3)  # shape space to local space
-        if effect.hfx.kind == "VOLUME":
-            self.scale = volumes.shape_scale(effect.hfx)
+        self.scale = volumes.shape_scale(effect.hfx) if effect.hfx.kind == "VOLUME" else np.ones(3)
         self._vertices: F64 | None = None
         if effect.hfx.kind == "SURFACE":
             _refuse_deformed(effect)
@@ -108,17 +107,12 @@ class CurveEffect:
             matrices = effect_values.to_metres(world, self._unit_m)
             return replace(block, matrices=matrices, vertices=self._vertices)
         if not is_volume or world is None or self.shape is None:
-
-            def value(name: str) -> F64:
-                return self._value(name, sampled)
-
+            value = partial(self._value, sampled=sampled)
             place = area_values.places(self._hfx, self._unit_m, value)
             return replace(block, place=place, drive=area_values.drives(self._hfx, value))
+        response = self._response(sampled)
         return replace(
-            block,
-            matrices=self._placing(world),
-            shapes=(self.shape,),
-            response=self._response(sampled),
+            block, matrices=self._placing(world), shapes=(self.shape,), response=response
         )
 
     def matrices(self, frames: F64) -> F64:

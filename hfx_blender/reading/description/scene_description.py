@@ -13,6 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...authoring import volumes
 from ...authoring.effects import effect_values, effects, model_migration
 from ...authoring.effects.effect_values import ShapeCache
 from ...avatars import avatar_meshes, body_binding
@@ -234,15 +235,6 @@ def _find_bodies(
     return list(sound), warnings, soundness.left_out(faults)
 
 
-def without_absent(
-    haptics: HapticObjects, instanced: Collection[bpy.types.Object]
-) -> HapticObjects:
-    """Copy without reasons about excluded effects with instances: these effects are felt at the
-    instances."""
-    gone = {e: why for e, why in haptics.gone.items() if why != ABSENT or e not in instanced}
-    return replace(haptics, gone=gone)
-
-
 def _excluded(reasons: Mapping[bpy.types.Object, str]) -> tuple[str, ...]:
     """One warning for each reason of the excluded effects, with at most 12 names."""
     names_by_reason: dict[str, list[str]] = {}
@@ -318,11 +310,8 @@ def describe(
         raise _refusal(unbound.values())
     if unbound:
         # Effects on these bodies become invalid too, so describe again without the bodies.
-        others = replace(
-            haptics,
-            bodies=list(bindings),
-            left_out=(*haptics.left_out, *soundness.left_out(unbound)),
-        )
+        left_out = (*haptics.left_out, *soundness.left_out(unbound))
+        others = replace(haptics, bodies=list(bindings), left_out=left_out)
         return describe(others, time, shapes, always_posed=always_posed, more=more)
     valid = replace(
         haptics,
@@ -334,7 +323,10 @@ def describe(
     absent = {effect: why for effect, why in haptics.gone.items() if why == ABSENT}
     warnings = [*_excluded(absent), *haptics.warnings, *valid.left_out]
     warnings += filter(None, map(body_binding.warning_of, haptics.bodies))
+    box_of = haptics.equal.shared(volumes.wire_box)
     for effect, description in described.items():
+        if effect not in haptics.dormant and volumes.has_edited_wire(effect, box_of(effect)):
+            warnings += soundness.warnings_of_wire(effect)
         # Forces act outwards: such a surface pushes only skin that is inside.
         if isinstance(description.area, HapticSurface) and description.area.law is not None:
             mesh = effect.evaluated_get(haptics.layer.depsgraph).data

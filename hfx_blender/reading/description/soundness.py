@@ -74,6 +74,18 @@ def warnings_of(obj: bpy.types.Object) -> list[str]:
     return warnings + list(_of_animation(obj))
 
 
+def warnings_of_wire(effect: bpy.types.Object) -> Iterator[str]:
+    """Yield a warning about the edited wire of a volume, unless the wire shows one of several
+    sizes: an animated one, or that of another user of the mesh."""
+    sizes, mesh = ("shape", *SIZES.get(effect.hfx.shape, ())), effect.data
+    is_animated = any(p.removeprefix("hfx.") in sizes for p in animated_paths(effect))
+    if not (is_animated or mesh.users > 1 or mesh.library != effect.library):
+        yield (
+            f"{titled(effect)}: its wire differs from its size in the panel Haptic Effect, which "
+            "is exported; change the size there instead of applying a scale or editing the mesh"
+        )
+
+
 def without_faulty(
     objects: Iterable[bpy.types.Object], work: Callable[[bpy.types.Object], Any]
 ) -> tuple[dict[bpy.types.Object, Any], dict[bpy.types.Object, str]]:
@@ -102,17 +114,13 @@ def titled(obj: bpy.types.Object) -> str:
 def non_finite_keyframes(objects: Iterable[bpy.types.Object]) -> tuple[str, ...]:
     """Notes on the first NaN or infinite key of each F-curve of objects, their parents, data and
     shape keys. Such keys are evaluated as Blender does; effects are silent at samples with NaN."""
-    movers: dict[bpy.types.Object, None] = {}
-    for obj in objects:
-        # Ends at the top, at a cycle of parents, and at an ancestor of an earlier object.
-        mover = obj
-        while mover is not None and mover not in movers:
-            movers[mover] = None
-            mover = mover.parent
     owners: dict[bpy.types.ID, str] = {}
-    for mover in movers:
-        for owner in filter(None, (mover, mover.data, getattr(mover.data, "shape_keys", None))):
-            owners.setdefault(owner, mover.name)
+    for mover in objects:
+        # Ends at the top, at a cycle of parents, and at an ancestor of an earlier object.
+        while mover is not None and mover not in owners:
+            for owner in filter(None, (mover, mover.data, getattr(mover.data, "shape_keys", None))):
+                owners.setdefault(owner, mover.name)
+            mover = mover.parent
     return tuple(
         note
         for owner, name in owners.items()
@@ -227,6 +235,5 @@ def _limits(obj: bpy.types.Object, path: str) -> tuple[float, float] | None:
         definition = obj.path_resolve(group).bl_rna.properties[name]
     except (ValueError, KeyError, AttributeError):
         return None  # the path of a removed entry moves nothing
-    if definition.type not in ("FLOAT", "INT"):
-        return None
-    return definition.hard_min, definition.hard_max
+    is_number = definition.type in ("FLOAT", "INT")
+    return (definition.hard_min, definition.hard_max) if is_number else None
