@@ -68,10 +68,8 @@ def is_model_mesh(obj: bpy.types.Object) -> bool:
 
 def armature_of(mesh: bpy.types.Object) -> bpy.types.Object | None:
     """Armature of a mesh's first Armature modifier with an object; None if missing."""
-    for modifier in mesh.modifiers:
-        if modifier.type == "ARMATURE" and modifier.object is not None:
-            return modifier.object
-    return None
+    armatures = (modifier.object for modifier in mesh.modifiers if modifier.type == "ARMATURE")
+    return next(filter(None, armatures), None)
 
 
 def bone_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> str | None:
@@ -245,7 +243,6 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
             raise InputError(f"'{obj.name}' is being edited; leave Edit Mode first.")
         _check_scale(obj)
     world = np.array(armature.matrix_world, np.float64)
-    to_rest = np.array(_to_rest(armature, mesh_object), np.float64)
     bones = armature.data.bones
     # Further groups serve masks, shape keys or hair, and follow no bone.
     groups = {
@@ -266,45 +263,51 @@ def read_mesh(armature: bpy.types.Object, mesh_object: bpy.types.Object) -> Targ
         else:
             weights = _weights(mesh, list(groups.values()))
     hidden = mesh_copies.hidden_vertices(mesh_object, triangles, points)
-    unit = metres_of(bpy.context.scene)
     return TargetAvatar(
-        vertices=points @ to_rest[:3, :3].T + to_rest[:3, 3],
+        vertices=in_rest_space(armature, mesh_object, points),
         triangles=triangles[~hidden[triangles].any(axis=1)].astype(np.int64),
         weights=weights,
         bone_names=names,
         bones=read_bones(armature),
         # The cube root of the determinant is the mean scale of the three axes.
-        metres=unit * float(np.cbrt(np.linalg.det(world[:3, :3]))),
+        metres=metres_of(bpy.context.scene) * float(np.cbrt(np.linalg.det(world[:3, :3]))),
     )
 
 
-def _to_rest(armature: bpy.types.Object, mesh: bpy.types.Object) -> Matrix:
-    """Matrix from a mesh's local space to that of the armature, with all bones in rest pose."""
-    if bone_of(armature, mesh) is None:
-        return armature.matrix_world.inverted() @ mesh.matrix_world
-    # Up the chain of parents to the bone: each step as Blender composes it.
-    matrix, obj = Matrix(), mesh
-    while obj.parent != armature or obj.parent_type != "BONE":
-        matrix = obj.matrix_parent_inverse @ obj.matrix_basis @ matrix
-        obj = obj.parent
-    # Blender places children of a bone at the tail.
-    bone = armature.data.bones[obj.parent_bone]
-    along = Matrix.Translation((0.0, compat.place_along_parent_bone(obj) * bone.length, 0.0))
-    # With Relative Parenting a child keeps the place in the armature while the bone rests.
-    at_bone = Matrix() if bone.use_relative_parent else bone.matrix_local @ along
-    return at_bone @ obj.matrix_parent_inverse @ obj.matrix_basis @ matrix
+def in_rest_space(
+    armature: bpy.types.Object, mesh: bpy.types.Object, points: np.ndarray
+) -> np.ndarray:
+    """Points (n, 3) from a mesh's local space to that of the armature, with all bones at rest."""
+    import numpy as np
+
+    matrix = armature.matrix_world.inverted_safe() @ mesh.matrix_world
+    if bone_of(armature, mesh) is not None:
+        # Up the chain of parents to the bone: each step as Blender composes it.
+        matrix, obj = Matrix(), mesh
+        while obj.parent != armature or obj.parent_type != "BONE":
+            matrix = obj.matrix_parent_inverse @ obj.matrix_basis @ matrix
+            obj = obj.parent
+        # Blender places children of a bone at the tail.
+        bone = armature.data.bones[obj.parent_bone]
+        along = Matrix.Translation((0.0, compat.place_along_parent_bone(obj) * bone.length, 0.0))
+        # With Relative Parenting a child keeps the place in the armature while the bone rests.
+        at_bone = Matrix() if bone.use_relative_parent else bone.matrix_local @ along
+        matrix = at_bone @ obj.matrix_parent_inverse @ obj.matrix_basis @ matrix
+    to_rest = np.array(matrix, np.float64)
+    return points @ to_rest[:3, :3].T + to_rest[:3, 3]
 
 
 def rest_surface(
-    mesh_object: bpy.types.Object, shape: Mapping[str, float]
+    armature: bpy.types.Object, mesh_object: bpy.types.Object, shape: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (A, 3) and triangles (F, 3) of a mesh before the Armature modifier, local space.
-    ``shape`` holds values of shape keys; keys that are not given are 0."""
+    """Vertices (A, 3), rest space of the armature, and triangles (F, 3) of a mesh before its
+    Armature modifier. ``shape`` holds values of shape keys; keys that are not given are 0."""
     from ..blender import mesh_arrays
     from . import mesh_copies
 
     with mesh_copies.rest_mesh(mesh_object, shape) as mesh:
-        return mesh_arrays.points(mesh), mesh_arrays.triangles(mesh)
+        points, triangles = mesh_arrays.points(mesh), mesh_arrays.triangles(mesh)
+    return in_rest_space(armature, mesh_object, points), triangles
 
 
 def _check_scale(obj: bpy.types.Object) -> None:

@@ -6,22 +6,26 @@ Further deformation (Preserve Volume, shape keys, cloth ...) is evaluated by Ble
 perceptual vertices are anchored to the evaluated surface.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import replace
 
 import bpy
 import numpy as np
-from mathutils import Matrix, Vector
 from mathutils.bvhtree import BVHTree
 
-from ..blender import mesh_arrays
+from ..blender import compat, mesh_arrays
+from ..blender.scene_info import metres_of
 from ..engine.body.levels_and_cells import cell_of_skin
-from ..engine.body.model import PerceptualModel, load_model, load_skeleton
+from ..engine.body.model import PerceptualModel, load_avatar, load_model, load_skeleton
 from ..engine.scene import FittedModel, SkinBinding, SurfaceAnchors, SurfaceBinding
+from ..engine.volume.mesh_distance import plane_weights
 from ..errors import InputError
 from . import avatar_meshes, evaluated_skin, mesh_copies, stored_fits
 
 REST_TOLERANCE_M = 1e-4
+
+_MISPLACED_MM = 2.0  # above the rounding of the matrices of an avatar 10 km away
+_TRANSFORMS = ("location", "rotation", "scale", "delta_", "constraints[")
 
 _BEYOND = 0.25
 """Largest distance of an anchor beyond an edge of its triangle, as a barycentric weight: anchors on
@@ -41,15 +45,8 @@ def binding_of(body: bpy.types.Object, model_ids: Collection[str]) -> SkinBindin
     if reason is None:
         return SkinBinding(tuple(bone.name for bone in body.pose.bones), fitted)
     _deformation_reason(body)  # measures the surface that read_surface() needs
-    return SurfaceBinding(
-        {
-            model_id: _fitted_anchors(body, fitted[model_id])
-            if model_id in fitted
-            else _anchors(body, load_model(model_id))
-            for model_id in _with_skins(model_ids)
-        },
-        reason,
-    )
+    anchors = {model_id: anchors_of(body, model_id) for model_id in _with_skins(model_ids)}
+    return SurfaceBinding(anchors, reason)
 
 
 def _with_skins(model_ids: Collection[str]) -> list[str]:
@@ -60,9 +57,13 @@ def _with_skins(model_ids: Collection[str]) -> list[str]:
 
 
 def anchors_of(body: bpy.types.Object, model_id: str) -> SurfaceAnchors:
-    """Anchors of a model's vertices on the avatar's meshes, numbered mesh after mesh."""
+    """Anchors of a model's vertices on the avatar's meshes, numbered mesh after mesh; heights in
+    units of the main mesh."""
     fitted = stored_fits.fitted_model(body, model_id)
-    return _anchors(body, load_model(model_id)) if fitted is None else _fitted_anchors(body, fitted)
+    anchors = _anchors(body, load_model(model_id)) if fitted is None else fitted.anchors
+    to_avatar = body.hfx.avatar.matrix_world.inverted_safe() @ body.matrix_world
+    scale = float(np.cbrt(abs(to_avatar.determinant())))
+    return replace(anchors, offset_m=scale * anchors.offset_m)
 
 
 def surface_reason(body: bpy.types.Object) -> str | None:
@@ -117,13 +118,6 @@ def canonical_difference(body: bpy.types.Object) -> str | None:
     return None
 
 
-def _fitted_anchors(body: bpy.types.Object, fitted: FittedModel) -> SurfaceAnchors:
-    """Anchors of a fit, with heights converted from armature units to units of the main mesh."""
-    to_avatar = body.hfx.avatar.matrix_world.inverted_safe() @ body.matrix_world
-    scale = float(np.cbrt(abs(to_avatar.determinant())))
-    return replace(fitted.anchors, offset_m=scale * fitted.anchors.offset_m)
-
-
 def _deformation_reason(body: bpy.types.Object) -> str | None:
     """First reason against posing an avatar's meshes by bones alone; None if bones suffice. A mesh
     off the bones, without an enabled armature modifier of ``body``, is a reason; so is the measured
@@ -158,11 +152,13 @@ def _armatures(body: bpy.types.Object, mesh: bpy.types.Object) -> list[bpy.types
 
 
 def _suspects(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
-    """Causes why bones alone may not pose a mesh, in words, by modifier name, "armature", "bones"
-    or "keys": enabled modifiers, special armature settings, shape keys. Empty for plain skinning.
-    """
+    """Causes why bones alone may not pose a mesh, in words, by modifier name, "place", "armature",
+    "bones" or "keys": a mesh off its place, enabled modifiers, special armature settings, shape
+    keys. Empty for plain skinning."""
     armatures = _armatures(body, mesh)
-    suspects = _armature_suspects(body, mesh, armatures) if armatures else {}
+    suspects = _misplacement(body, mesh)
+    if armatures:
+        suspects |= _armature_suspects(body, mesh, armatures)
     exact = [*armatures, *mesh_copies.mirrors_of(mesh)]  # exact with bones
     for modifier in mesh.modifiers:
         if modifier.show_viewport and modifier not in exact:
@@ -200,60 +196,73 @@ def _armature_suspects(
     return suspects
 
 
+def _misplacement(body: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, str]:
+    """Cause "place", in words, if a mesh moves without the armature, or is more than 2 mm off its
+    place in rest pose: that of the fit, or of the built-in skin; other meshes have none."""
+    if any(map(_is_moving, _carriers(mesh) ^ _carriers(body))):
+        text = f"'{mesh.name}' does not move with '{body.name}' (animate the armature instead)"
+        return {"place": text}
+    scale = abs(body.matrix_world.determinant()) ** (1 / 3)
+    gap_mm = 1000.0 * metres_of(bpy.context.scene) * scale * stored_fits.rest_gap(body, mesh)
+    text = (
+        f"'{mesh.name}' is up to {gap_mm:.0f} mm off its place on the armature (undo that with "
+        "Alt G, Alt R and Alt S, move the armature instead, or fit the body again)"
+    )
+    return {"place": text} if gap_mm > _MISPLACED_MM else {}
+
+
+def _carriers(obj: bpy.types.Object) -> set[bpy.types.Object]:
+    """An object, the parents and targets of constraints that it follows, and what these follow."""
+    carriers = [obj]
+    for carrier in carriers:  # grows
+        targets = (getattr(held, "target", None) for held in carrier.constraints if not held.mute)
+        carriers += {carrier.parent, *targets} - {None, *carriers}
+    return set(carriers)
+
+
+def _is_moving(obj: bpy.types.Object) -> bool:
+    """Test for a driver, or unequal keyframes, of an object's transform or constraints."""
+    data = obj.animation_data
+    return data is not None and any(
+        curve.data_path.startswith(_TRANSFORMS)
+        # Importers key every object: equal keyframes are no movement.
+        and (curve.driver or np.ptp([key.co[1] for key in curve.keyframe_points] or [0]) > 1e-5)
+        for curve in (*compat.all_fcurves(obj), *data.drivers)
+    )
+
+
 def _anchors(body: bpy.types.Object, model: PerceptualModel) -> SurfaceAnchors:
-    """Anchors of each vertex of a model on the nearest triangle of the avatar's undeformed meshes;
-    InputError without faces."""
-    avatar, meshes = body.hfx.avatar, avatar_meshes.meshes_of(body)
-    rest = [avatar_meshes.rest_surface(mesh, {}) for mesh in meshes]
-    vertices = _joined_vertices(
-        [points for points, _ in rest], [mesh.matrix_world for mesh in meshes]
-    )
-    starts = np.cumsum([0] + [len(points) for points, _ in rest[:-1]])
-    triangles = np.concatenate(
-        [faces + start for (_, faces), start in zip(rest, starts, strict=True)]
-    )
+    """Anchors of each vertex of a model on the nearest triangle of the avatar's undeformed meshes,
+    heights in armature units; InputError without faces."""
+    avatar, skin = body.hfx.avatar, load_avatar().vertices
+    rest, faces, count = [], [], 0
+    for mesh in avatar_meshes.meshes_of(body):
+        points, triangles = avatar_meshes.rest_surface(body, mesh, {})
+        faces.append(triangles + count)
+        count += len(points)
+        # The built-in skin may be moved or edited, and is bound where it coincides with the model.
+        rest.append(skin if points.shape == skin.shape else points)
+    vertices, triangles = np.concatenate(rest), np.concatenate(faces)
     if not len(triangles):
         raise InputError(f"Avatar '{avatar.name}' has no faces that a body could be bound to.")
     tree = BVHTree.FromPolygons(vertices.tolist(), triangles.tolist(), all_triangles=True)
-    to_avatar = avatar.matrix_world.inverted_safe() @ body.matrix_world
-    places = [to_avatar @ Vector(vertex) for vertex in model.vertices]
-    # The canonical armature needs no fit: model and mesh coincide in rest pose.
-    nearest = [tree.find_nearest(point)[2] for point in places]
+    nearest = [tree.find_nearest(vertex)[2] for vertex in model.vertices.tolist()]
     corners = triangles[nearest].astype(np.int32)
-    shape = vertices.astype(np.float64)[corners]
-    weights, offsets = _project_on_triangles(np.array(places, np.float64), shape)
-    return SurfaceAnchors(corners, weights, offsets)
-
-
-def _joined_vertices(vertices: Sequence[np.ndarray], to_world: Sequence[Matrix]) -> np.ndarray:
-    """Concatenate vertices (A, 3) of meshes, converted to the first mesh's local space, float32."""
-    joined = [vertices[0]]
-    # Anchors refer to a common surface, in the space of the main mesh.
-    for points, matrix in zip(vertices[1:], to_world[1:], strict=True):
-        to_first = np.array(to_world[0].inverted_safe() @ matrix, np.float64)
-        joined.append((points @ to_first[:3, :3].T + to_first[:3, 3]).astype(np.float32))
-    return np.concatenate(joined)
+    shape, places = vertices.astype(np.float64)[corners], model.vertices.astype(np.float64)
+    return SurfaceAnchors(corners, *_project_on_triangles(places, shape))
 
 
 def _project_on_triangles(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Project points onto the planes of triangles (n, 3, 3). Returns barycentric weights (n, 3),
     clipped near the triangle, and signed heights (n,). A degenerate triangle gives the first corner
     and height 0."""
-    along = corners[:, 1:] - corners[:, :1]
-    products = along @ along.transpose(0, 2, 1)
-    onto = np.einsum("nei,ni->ne", along, points - corners[:, 0])
-    area = products[:, 0, 0] * products[:, 1, 1] - products[:, 0, 1] ** 2
-    # Dividing by infinity sets degenerate triangles to their first corner.
-    flat = np.where(area > 0.0, area, np.inf)
-    # Cramer's rule on the normal equations of point = corner + u * edge 1 + v * edge 2.
-    u = (products[:, 1, 1] * onto[:, 0] - products[:, 0, 1] * onto[:, 1]) / flat
-    v = (products[:, 0, 0] * onto[:, 1] - products[:, 0, 1] * onto[:, 0]) / flat
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    _, u, v = np.where(lengths > 0.0, plane_weights(points, *corners.swapaxes(0, 1)).T, 0.0)
     u = np.clip(u, -_BEYOND, 1.0 + _BEYOND)
     v = np.clip(v, -_BEYOND, 1.0 + _BEYOND - u)
     weights = np.stack([1.0 - u - v, u, v], axis=1)
     feet = np.einsum("nc,nci->ni", weights, corners)
-    normals = np.cross(along[:, 0], along[:, 1])
-    lengths = np.linalg.norm(normals, axis=1)
     heights = np.einsum("ni,ni->n", points - feet, normals)
     return weights, np.divide(heights, lengths, out=np.zeros(len(points)), where=lengths > 0.0)
 
@@ -267,7 +276,12 @@ def read_surfaces(
     meshes = avatar_meshes.meshes_of(body)
     copies = [evaluated(mesh) for mesh in meshes]
     surfaces = [read_surface(body, *pair) for pair in zip(meshes, copies, strict=True)]
-    return _joined_vertices(surfaces, [copy.matrix_world for copy in copies])
+    to_main = copies[0].matrix_world.inverted_safe()
+    for number, copy in enumerate(copies[1:], 1):
+        matrix = np.array(to_main @ copy.matrix_world, np.float64)
+        points = surfaces[number] @ matrix[:3, :3].T + matrix[:3, 3]
+        surfaces[number] = points.astype(np.float32)
+    return np.concatenate(surfaces)
 
 
 def read_surface(

@@ -116,7 +116,7 @@ def cached_measurement(
     shape: Mapping[str, float],
 ) -> SkinMeasurement:
     """Measure a mesh, or return the last measurement if mesh and body are unchanged. ``suspects``
-    are possible reasons against posing by bones alone, by the name of a modifier, or
+    are possible reasons against posing by bones alone, by the name of a modifier, or ``"place"``,
     ``"armature"``, ``"bones"``, ``"keys"``; ``shape`` the values of the shape keys at fitting."""
     measurement = valid_measurement(body, mesh, suspects)
     if measurement is None:
@@ -164,7 +164,8 @@ def measure(
         deforming = (
             name
             for name in suspects
-            if _is_changing(mesh, name)
+            if name == "place"  # measured by the caller
+            or _is_changing(mesh, name)
             or copies.deviates(frozenset({name}))
             or copies.depends_on_others(name)
         )

@@ -8,6 +8,7 @@ evaluated vertex is recognised as an original vertex (or its duplicate), or as n
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
+from itertools import takewhile
 from typing import Final
 
 import bpy
@@ -135,13 +136,8 @@ def evaluated_graph(datablocks: list[bpy.types.ID]) -> bpy.types.Depsgraph:
 
 def mirrors_of(mesh: bpy.types.Object) -> list[bpy.types.Modifier]:
     """Enabled Mirror modifiers above a mesh's first Armature modifier; all without one."""
-    mirrors = []
-    for modifier in mesh.modifiers:
-        if modifier.type == "ARMATURE":
-            break
-        if modifier.type == "MIRROR" and modifier.show_viewport:
-            mirrors.append(modifier)
-    return mirrors
+    above = takewhile(lambda modifier: modifier.type != "ARMATURE", mesh.modifiers)
+    return [modifier for modifier in above if modifier.type == "MIRROR" and modifier.show_viewport]
 
 
 def animated_paths(owner: bpy.types.ID) -> set[str]:

@@ -11,13 +11,15 @@ fit of an overridden armature is stored on a local mesh without users in the sce
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import starmap
 from typing import Any
 
 import bpy
 import numpy as np
 
+from ..blender import mesh_arrays
 from ..engine.arrays import F64
-from ..engine.body.model import PerceptualModel, SkinWeights, load_model
+from ..engine.body.model import PerceptualModel, SkinWeights, load_avatar, load_model
 from ..engine.modality import MODALITIES
 from ..engine.retargeting.quality import AREA_RATIOS, FARTHEST_MM, IN_PLACE, FitQuality, PartQuality
 from ..engine.scene import FittedModel, SurfaceAnchors
@@ -68,7 +70,7 @@ def store(armature: bpy.types.Object, fit: Fit) -> None:
     # Names are joined, as ID properties have no lists of strings.
     owner[FIT] = {
         "rest": _rest_of(armature),
-        "all_bones": _names_of(armature),
+        "all_bones": "\n".join(armature.data.bones.keys()),
         "layer": armature.hfx.felt_layer,
         "mesh_names": "\n".join(mesh.name for mesh in fit.meshes),
         "mesh_vertices": np.array([len(mesh.data.vertices) for mesh in fit.meshes], np.int32),
@@ -117,7 +119,7 @@ def fit_of(document: Mapping[str, Any]) -> Fit:
 def quality_of(armature: bpy.types.Object) -> list[FitQuality]:
     """Quality of each model's fit, as measured at fitting; empty without a fit."""
     fit = _stored_fit(armature)
-    return [] if fit is None else list(_qualities(fit))
+    return list(_qualities(fit)) if fit else []
 
 
 def _qualities(document: Mapping[str, Any]) -> tuple[FitQuality, ...]:
@@ -125,13 +127,9 @@ def _qualities(document: Mapping[str, Any]) -> tuple[FitQuality, ...]:
     qualities = []
     for model_id, stored in document["quality"].items():
         columns = [list(stored[name]) for name in _MEASURES]
-        parts = [
-            PartQuality(name, *values)
-            for name, *values in zip(stored["parts"].split("\n"), *columns, strict=True)
-        ]
-        qualities.append(
-            FitQuality(model_id, tuple(parts), stored["sides"], stored["feet_forward"])
-        )
+        parts = starmap(PartQuality, zip(stored["parts"].split("\n"), *columns, strict=True))
+        sides, feet_forward = stored["sides"], stored["feet_forward"]
+        qualities.append(FitQuality(model_id, tuple(parts), sides, feet_forward))
     return tuple(qualities)
 
 
@@ -157,35 +155,54 @@ def _badness(part: PartQuality) -> float:
 
 def messages_of(armature: bpy.types.Object, field: str) -> list[str]:
     """Lines "warnings" or "notes" of a stored fit, by ``field``; empty without a fit."""
-    fit = _stored_fit(armature)
-    return [] if fit is None else [line for line in fit[field].split("\n") if line]
+    return [line for line in _stored_fit(armature).get(field, "").split("\n") if line]
 
 
 def shape_of(armature: bpy.types.Object, mesh: bpy.types.Object) -> dict[str, float]:
     """Values of a mesh's non-zero shape keys at fitting, by name; empty for an unfitted mesh."""
-    fit = _stored_fit(armature)
-    meshes = avatar_meshes.meshes_of(armature)
-    if fit is None or "shapes" not in fit or mesh not in meshes:
-        return {}
-    shapes: list[dict[str, float]] = json.loads(fit["shapes"])
-    number = meshes.index(mesh)
-    return shapes[number] if number < len(shapes) else {}
+    shapes: list[dict[str, float]] = json.loads(_stored_fit(armature).get("shapes", "[]"))
+    return dict(zip(avatar_meshes.meshes_of(armature), shapes, strict=False)).get(mesh, {})
+
+
+def rest_gap(armature: bpy.types.Object, mesh: bpy.types.Object) -> float:
+    """Largest distance of vertices of the fit, or of the built-in skin, from their places on a mesh
+    in rest pose, armature units; 0 for a mirrored mesh or another number of vertices."""
+    points, keys = mesh_arrays.points(mesh.data), mesh.data.shape_keys
+    shape = shape_of(armature, mesh)
+    for key in keys.key_blocks if keys is not None and shape else ():
+        key_points = (mesh_arrays.values(k.data, "co", 3) for k in (key, key.relative_key))
+        points += shape.get(key.name, 0.0) * np.subtract(*key_points)
+    points = avatar_meshes.in_rest_space(armature, mesh, points)
+    fit, meshes = _stored_fit(armature), avatar_meshes.meshes_of(armature)
+    if not fit:
+        skin = load_avatar().vertices
+        return float(np.abs(points - skin).max()) if points.shape == skin.shape else 0.0
+    counts = [len(part.data.vertices) for part in meshes]
+    is_same = counts == list(fit["mesh_vertices"]) and not any(map(mesh_copies.mirrors_of, meshes))
+    if is_by_bones(armature) or not is_same:
+        return 0.0
+    coarsest = min(fit["models"].values(), key=lambda stored: len(stored["heights"]))  # quick
+    fitted = model_of_arrays("", "", (), coarsest)
+    corners = fitted.anchors.corners - sum(counts[: meshes.index(mesh)])
+    own = ((corners >= 0) & (corners < len(points))).all(axis=1)
+    feet = np.einsum("nc,nci->ni", fitted.anchors.weights[own], points[corners[own]])
+    # A vertex in its place is as far from the triangle as its anchor is high.
+    distances = np.linalg.norm(feet - fitted.vertices[own], axis=1)
+    return float((distances - np.abs(fitted.anchors.offset_m[own])).max(initial=0.0))
 
 
 def arrays_of(fitted: FittedModel) -> dict[str, np.ndarray]:
     """Flat arrays by name of a fitted model: vertices, skin weights (offsets, bones, values),
     anchors (corners, places, heights)."""
     weights, anchors = fitted.weights, fitted.anchors
-    arrays = {
-        "vertices": fitted.vertices,
-        "offsets": weights.offsets,
-        "bones": weights.bones,
-        "values": weights.values,
-        "corners": anchors.corners,
-        "places": anchors.weights,
-        "heights": anchors.offset_m,
+    arrays = (
+        *(fitted.vertices, weights.offsets, weights.bones, weights.values),
+        *(anchors.corners, anchors.weights, anchors.offset_m),
+    )
+    return {
+        name: np.ascontiguousarray(array, kind).ravel()
+        for (name, kind), array in zip(_ARRAYS.items(), arrays, strict=True)
     }
-    return {name: np.ascontiguousarray(arrays[name], _ARRAYS[name]).ravel() for name in _ARRAYS}
 
 
 def model_of_arrays(
@@ -216,33 +233,30 @@ def clear(armature: bpy.types.Object) -> None:
 
 def is_fitted(armature: bpy.types.Object) -> bool:
     """Test for a stored fit."""
-    return _stored_fit(armature) is not None
+    return bool(_stored_fit(armature))
 
 
 def lacks_models(armature: bpy.types.Object) -> bool:
     """Test for a stored fit without a model of the armature's set."""
     fit = _stored_fit(armature)
-    return fit is not None and any(name not in fit["models"] for name in model_ids(armature))
+    return bool(fit) and any(name not in fit["models"] for name in model_ids(armature))
 
 
 def is_by_bones(armature: bpy.types.Object) -> bool:
     """Test for a stored fit to the bones alone, without the avatar's surface."""
-    fit = _stored_fit(armature)
-    return fit is not None and bool(fit.get("by_bones", False))
+    return bool(_stored_fit(armature).get("by_bones", False))
 
 
 def is_of_other_layer(armature: bpy.types.Object) -> bool:
     """Test for a fit whose layer (skin or visible surface) differs from the armature's setting."""
     fit = _stored_fit(armature)
-    return fit is not None and fit.get("layer", "VISIBLE") != armature.hfx.felt_layer
+    return bool(fit) and fit.get("layer", "VISIBLE") != armature.hfx.felt_layer
 
 
 def _stored_fit(armature: bpy.types.Object) -> Any:
-    """ID property group of a fit, of the storage mesh, else of the armature; None without one."""
-    override_owner = armature.hfx.fit_kept
-    return (
-        armature if override_owner is None or FIT not in override_owner else override_owner
-    ).get(FIT)
+    """ID property group of a fit, of the storage mesh, else of the armature; empty without one."""
+    kept = armature.hfx.fit_kept
+    return (armature if kept is None or FIT not in kept else kept).get(FIT, {})
 
 
 def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | None:
@@ -250,11 +264,11 @@ def fitted_model(armature: bpy.types.Object, model_id: str) -> FittedModel | Non
     armature's rest pose, or the number of meshes or their vertices, changed after the fit, or the
     fit is of another edition of the model."""
     fit, again = _stored_fit(armature), "; fit the body again."
-    if fit is None:
+    if not fit:
         return None
     # Bones added, renamed, or moved by more than rounding: leaving Edit Mode may change positions.
     before, now = np.array(fit["rest"], np.float64), _rest_of(armature)
-    if fit["all_bones"] != _names_of(armature) or not np.allclose(
+    if fit["all_bones"] != "\n".join(armature.data.bones.keys()) or not np.allclose(
         before, now, rtol=0.0, atol=1e-4 * np.ptp(before)
     ):
         raise InputError(
@@ -302,8 +316,3 @@ def _rest_of(armature: bpy.types.Object) -> F64:
     """Heads and tails of all bones at rest, flat: 6 values per bone, armature space."""
     ends = [end for bone in armature.data.bones for end in (bone.head_local, bone.tail_local)]
     return np.array(ends, np.float64).ravel()
-
-
-def _names_of(armature: bpy.types.Object) -> str:
-    """Names of all bones, joined by line breaks."""
-    return "\n".join(bone.name for bone in armature.data.bones)

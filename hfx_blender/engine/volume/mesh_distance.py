@@ -146,7 +146,7 @@ def barycentric(points: F64, corners: F64) -> F64:
     """Barycentric coordinates (N, 3), in 0..1, of the nearest place to points (N, 3) on one
     triangle each (N, 3, 3); degenerate triangles count as edges."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    inside = _plane_weights(points, a, b, c)
+    inside = plane_weights(points, a, b, c)
     # Degenerate triangles have no interior: the nearest place is on an edge.
     is_flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) == 0.0
     smallest = np.where((inside >= 0.0).all(axis=1) & ~is_flat, 0.0, np.inf)
@@ -169,7 +169,7 @@ def barycentric(points: F64, corners: F64) -> F64:
     return weights
 
 
-def _plane_weights(points: F64, a: F64, b: F64, c: F64) -> F64:
+def plane_weights(points: F64, a: F64, b: F64, c: F64) -> F64:
     """Barycentric coordinates (N, 3) of points projected on triangle planes, negative outside."""
     edge_1, edge_2, offset = b - a, c - a, points - a
     d00, d01, d11 = (

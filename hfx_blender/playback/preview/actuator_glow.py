@@ -349,11 +349,9 @@ def _nearest_on_avatar(body: bpy.types.Object, points: F64) -> tuple[I64, I64]:
     # Smallest distance so far, over all meshes.
     best = np.full(len(points), np.inf)
     for number, part in enumerate(avatar_meshes.meshes_of(body)):
-        skin, _ = avatar_meshes.rest_surface(part, stored_fits.shape_of(body, part))
+        skin, _ = avatar_meshes.rest_surface(body, part, stored_fits.shape_of(body, part))
         if not len(skin):
             continue
-        to_rest = np.array(body.matrix_world.inverted_safe() @ part.matrix_world, np.float64)
-        skin = skin @ to_rest[:3, :3].T + to_rest[:3, 3]
         for k, point in enumerate(points):
             distances = np.linalg.norm(skin - point, axis=1)
             nearest = int(distances.argmin())

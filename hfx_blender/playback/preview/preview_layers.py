@@ -287,10 +287,7 @@ class Preview:
         """Interpolation from a model's vertices to a mesh's, both at rest; cached."""
         key = (mesh.name_full, model_id)
         if key not in self._spreads:
-            points, _ = avatar_meshes.rest_surface(mesh, stored_fits.shape_of(body, mesh))
-            # Meshes may have transforms of their own below the body.
-            to_rest = np.array(body.matrix_world.inverted_safe() @ mesh.matrix_world, np.float64)
-            points = points @ to_rest[:3, :3].T + to_rest[:3, 3]
+            points, _ = avatar_meshes.rest_surface(body, mesh, stored_fits.shape_of(body, mesh))
             self._spreads[key] = spread_between(points, stored_fits.model_of(body, model_id))
         return self._spreads[key]
 

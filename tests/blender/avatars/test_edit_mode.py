@@ -15,14 +15,15 @@ from hfx_blender.blender import mesh_arrays  # noqa: E402
 def test_the_mesh_of_an_avatar_is_read_in_edit_mode(scene):
     """Blender takes the attribute "position" away from a mesh that is edited."""
     bpy.ops.hfx.add_avatar()
-    skin = bpy.context.object.hfx.avatar
-    at_rest, triangles = avatar_meshes.rest_surface(skin, {})
+    body = bpy.context.object
+    skin = body.hfx.avatar
+    at_rest, triangles = avatar_meshes.rest_surface(body, skin, {})
     bpy.context.view_layer.objects.active = skin
     skin.select_set(True)
     bpy.ops.object.mode_set(mode="EDIT")
     try:
         assert "position" not in skin.data.attributes
-        points, same = avatar_meshes.rest_surface(skin, {})
+        points, same = avatar_meshes.rest_surface(body, skin, {})
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
     np.testing.assert_array_equal(points, at_rest)
