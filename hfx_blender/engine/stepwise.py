@@ -46,8 +46,7 @@ def finish(steps: Generator[float, None, _T], progress: Progress = tell) -> _T:
 def within(
     steps: Generator[float, None, _T], start: float, end: float
 ) -> Generator[float, None, _T]:
-    """Yield the fractions 0..1 of ``steps`` scaled to ``start`` .. ``end``; returns the generator's
-    result."""
+    """Yield fractions 0..1 of ``steps`` scaled to ``start`` .. ``end``; returns their result."""
     while True:
         try:
             share = next(steps)

@@ -166,8 +166,7 @@ class LiveScene:
 
     @property
     def rings(self) -> bool:
-        """True while an impact of a response is still felt at the clock's present time, without any
-        motion."""
+        """True while an impact of a response is felt at the clock's time, without motion."""
         return self._answers and self.engine.responses.settling.any_rings(self.clock.ahead_s())
 
     def runs(self) -> list[SampleRun]:
@@ -320,6 +319,7 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
                 *_CONSTANT_PROPERTIES(hfx),
                 hfx.body.name if hfx.body else "",
                 hfx.avatar.name if hfx.avatar else "",
+                _own_place(hfx.avatar),
                 # Hashes instead of arrays, as a signature is made at every update of the scene.
                 hash(bytes(memoryview(obj[effects.WEIGHTS]))) if _has_weights(obj) else 0,
                 hash(bytes(memoryview(obj[effects.VERTICES]))) if _has_weights(obj) else 0,
@@ -331,6 +331,13 @@ def signature_of(scene: bpy.types.Scene) -> tuple[object, ...]:
             )
         )
     return tuple(parts)
+
+
+def _own_place(mesh: bpy.types.Object | None) -> object:
+    """Own transform of an avatar's mesh, by rows; empty without a mesh, and with animation, which
+    would need a new description at each frame."""
+    is_still = mesh is not None and mesh.animation_data is None
+    return tuple(map(tuple, mesh.matrix_basis)) if is_still else ()
 
 
 def _has_weights(obj: bpy.types.Object) -> bool:

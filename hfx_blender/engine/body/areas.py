@@ -40,8 +40,7 @@ def grow(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
 
 
 def shrink(model: PerceptualModel, weights: F64, steps: int = 1) -> F64:
-    """Erode an area: minimum of the weights (V,) of each vertex and all its neighbours, ``steps``
-    times."""
+    """Erode an area ``steps`` times: minimum of the weights (V,) of a vertex and its neighbours."""
     return 1.0 - grow(model, 1.0 - weights, steps)
 
 

@@ -32,8 +32,7 @@ class Level:
 
 
 def level_of(model: PerceptualModel, level: int) -> Level:
-    """Level of detail of a model; level 0 has all vertices. Raises InputError: the model has no
-    such level."""
+    """Level of detail of a model; level 0 has all vertices. InputError for a missing level."""
     if level == 0:
         all_ids = np.arange(len(model), dtype=np.int32)
         return Level(all_ids, model.triangles, all_ids)

@@ -95,8 +95,7 @@ def _meets(boxes: F64, bodies: F64, reach: float) -> Bool:
 
 
 def follow_on(moments: Moments) -> Bool:
-    """Mask (n,) of rows whose row and sample index both continue the row before by 1; False at the
-    first."""
+    """Mask (n,) of rows whose row and sample index follow the row before by 1; the first: False."""
     rows = moments.rows
     steps = (np.diff(rows) == 1) & (np.diff(moments.indices[rows]) == 1)
     return np.concatenate([[False], steps])

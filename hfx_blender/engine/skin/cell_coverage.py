@@ -148,8 +148,7 @@ class BodySkin:
 
     @cached_property
     def vertices(self) -> PosableModel:
-        """Posable vertices of the model itself, in the clusters of the skin; the skin's surface
-        itself if equal."""
+        """Posable vertices of the model, in clusters of the skin; the skin's surface if equal."""
         if self.skin.outlines is self.skin.clusters:
             return self.surface
         return self._bind(self.skin.model, self.skin.clusters)

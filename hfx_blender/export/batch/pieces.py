@@ -165,8 +165,7 @@ def remove_folder(folder: Path) -> None:
 def _remove_files(
     folder: Path, piece: tuple[int, int], record: Mapping[str, Any], kept: Container[str] = ()
 ) -> None:
-    """Remove the files of a piece that its record lists, without those of the names ``kept``.
-    Raises OSError."""
+    """Remove the files of a piece listed in its record, except names ``kept``. Raises OSError."""
     for file in record["files"]:
         name = file["name"]
         if name not in kept and name.startswith(path_of(folder, piece, ".").name):

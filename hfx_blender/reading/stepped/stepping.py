@@ -98,8 +98,7 @@ class Stepper:
 
     @cached_property
     def is_changing(self) -> bool:
-        """True if visible objects may differ between frames: code, or an animated monitor icon;
-        cached."""
+        """Cached test that visible objects differ by frame: code, or an animated monitor icon."""
         return self._has_code or any(map(visibility.is_keyed, scene_objects(self._scene)))
 
     @property

@@ -18,6 +18,7 @@ from own_avatar import mark, opened  # noqa: E402
 from test_body_meshes import cut_out, is_hand  # noqa: E402
 
 from hfx_blender.avatars import body_binding, stored_fits  # noqa: E402
+from hfx_blender.reading.live_scene import signature_of  # noqa: E402
 from hfx_blender.ui.panels import body_panel  # noqa: E402
 
 Figure = tuple[Any, Any, np.ndarray]
@@ -286,3 +287,21 @@ def test_a_subdivided_skin_that_is_moved_is_followed(figure: Figure) -> None:
     assert "is up to 1000 mm off its place" in warnings
     # Subdivision smooths the skin by a few millimetres.
     assert np.linalg.norm(positions - places - (1.0, 0.0, 0.0), axis=1).max() < 0.02
+
+
+def test_a_live_scene_is_described_again_for_a_moved_skin_but_not_for_the_armature(
+    figure: Figure,
+) -> None:
+    rig, skin, _ = figure
+    before = signature_of(bpy.context.scene)
+    rig.location.x = 2.0
+    bpy.context.view_layer.update()
+    assert signature_of(bpy.context.scene) == before
+    skin.location.x = 0.5
+    bpy.context.view_layer.update()
+    moved = signature_of(bpy.context.scene)
+    assert moved != before
+    skin.keyframe_insert("location", frame=1)
+    animated = signature_of(bpy.context.scene)
+    skin.location.x = 0.6  # as Blender does at the next frame
+    assert signature_of(bpy.context.scene) == animated != moved
