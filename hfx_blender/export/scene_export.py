@@ -377,8 +377,8 @@ def _refuse(warnings: Sequence[str]) -> None:
 
 
 def other_scenes(scene: bpy.types.Scene) -> list[str]:
-    """Names of the scenes of the open file, but for linked ones, with effects that ``scene`` and
-    its background scenes lack."""
+    """Names of the local scenes of the open file with effects that ``scene``, with its background
+    scenes, lacks."""
     listed = {*swarms.listed_effects(scene)}
     own = (other for other in bpy.data.scenes if other.library is None)
     return [other.name for other in own if not listed.issuperset(swarms.listed_effects(other))]
