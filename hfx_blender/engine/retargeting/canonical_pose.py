@@ -101,7 +101,7 @@ class _Segments:
         return self._turns[name]
 
     def _skins(self, region: str) -> tuple[F64, F64]:
-        """Canonical (n, 3) and target (m, 3) vertices of a region; both empty if the former are."""
+        """Canonical (n, 3) and target (m, 3) vertices of a region; both empty if n is 0."""
         number = REGIONS.index(region)
         own = self._vertices[self._avatar_region == number]
         target = self._points[(self._target_region == number) & (len(own) > 0)]

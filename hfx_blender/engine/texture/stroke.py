@@ -68,7 +68,7 @@ class Stroke:
         return np.asarray(steps.max(axis=1) / np.diff(self.times_s))
 
     def at(self, times_s: F64) -> F64:
-        """Positions (..., 2) on the surface at any times, m; constant outside of the stroke."""
+        """Surface positions (..., 2), m, at any times; constant before and after the stroke."""
         times = np.asarray(times_s, np.float64)
         parts = [np.interp(times, self.times_s, self.points_m[:, k]) for k in (0, 1)]
         return np.stack(parts, axis=-1)
